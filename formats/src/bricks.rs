@@ -1,0 +1,297 @@
+//! The brick file of one level: header, chunk payloads in Morton order, directory. Little-endian.
+//!
+//! ```text
+//! 0   magic "BRKFBRK\0"    8
+//! 8   version u32          4
+//! 12  level u8, layout u8, chunk side log2 u8, layers u8 (bit 0 colour, bit 1 normal)
+//! 16  encoding u8, zero × 3
+//! 20  chunks u32           4
+//! 24  bricks u32           4
+//! 28  crc32 of the directory  4
+//! 32  directory offset u64 8
+//! 40  zero × 20
+//! 60  crc32 of bytes 0..60 4
+//! 64  payloads …
+//!     directory: chunks × { Morton code u64, mask u64, offset u64, length u32, crc32 u32 }
+//! ```
+//! Bricks of a level are numbered in Morton order. Chunks are aligned cubes of 2^k bricks, so the bricks of a chunk have
+//! consecutive numbers, beginning with the chunk's [`ChunkEntry::first_brick`].
+
+use std::ops::Range;
+
+use glam::UVec3;
+
+use crate::chunk::{Chunk, Encoding};
+use crate::error::FormatError;
+use crate::layout::SampleLayout;
+use crate::morton;
+
+/// First bytes of the file.
+pub const MAGIC: [u8; 8] = *b"BRKFBRK\0";
+/// Version written and read.
+pub const VERSION: u32 = 1;
+/// Bytes of the header.
+pub const HEADER_BYTES: usize = 64;
+/// Bytes of a directory entry.
+pub const ENTRY_BYTES: usize = 32;
+
+const LAYERS: u8 = 0b11;
+
+/// Properties of a brick file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BrickHeader {
+    /// Level of the tree.
+    pub level: u8,
+    /// Where samples lie.
+    pub layout: SampleLayout,
+    /// Bricks per chunk and axis are `1 << chunk_log2`, at most 4.
+    pub chunk_log2: u8,
+    /// How payloads are coded.
+    pub encoding: Encoding,
+    /// Chunks in the file.
+    pub chunks: u32,
+    /// Bricks in the file.
+    pub bricks: u32,
+    /// Where the directory begins.
+    pub directory_offset: u64,
+    directory_crc: u32,
+}
+
+/// A chunk's place in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChunkEntry {
+    /// Morton code of the chunk's position, in chunks of its level.
+    pub morton: u64,
+    /// Which bricks are present (Morton order inside the chunk).
+    pub mask: u64,
+    /// Byte offset of the payload.
+    pub offset: u64,
+    /// Bytes of the payload.
+    pub length: u32,
+    /// Checksum of the payload.
+    pub crc: u32,
+    /// Number, in the level, of the chunk's first brick.
+    pub first_brick: u32,
+}
+
+/// Header and directory.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BrickIndex {
+    /// Properties.
+    pub header: BrickHeader,
+    /// Chunks in Morton order.
+    pub chunks: Vec<ChunkEntry>,
+}
+
+fn u32_at(bytes: &[u8], offset: usize) -> u32 {
+    bytes.get(offset..offset + 4).and_then(|b| b.try_into().ok()).map_or(0, u32::from_le_bytes)
+}
+
+fn u64_at(bytes: &[u8], offset: usize) -> u64 {
+    u64::from(u32_at(bytes, offset)) | u64::from(u32_at(bytes, offset + 4)) << 32
+}
+
+/// Reads the first [`HEADER_BYTES`] of a file that is `file_len` bytes long.
+///
+/// # Errors
+/// Wrong magic, version or checksum, an unknown layout, layer or encoding, a directory outside the file.
+pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<BrickHeader, FormatError> {
+    if bytes.len() < HEADER_BYTES || bytes[..8] != MAGIC {
+        return Err(FormatError::at(0, "not a brickfell brick file (wrong magic)"));
+    }
+    let version = u32_at(bytes, 8);
+    if version != VERSION {
+        return Err(FormatError::at(8, format!("brick file version {version} is unknown (this reads {VERSION})")));
+    }
+    if crc32fast::hash(&bytes[..60]) != u32_at(bytes, 60) {
+        return Err(FormatError::at(60, "header checksum does not match: the file is damaged"));
+    }
+    let unknown = |at: u64, what: &str, code: u8| FormatError::at(at, format!("{what} {code} is unknown"));
+    if bytes[14] > 2 {
+        return Err(unknown(14, "chunk size", bytes[14]));
+    }
+    if bytes[15] != LAYERS {
+        return Err(unknown(15, "layer set", bytes[15]));
+    }
+    let header = BrickHeader {
+        level: bytes[12],
+        layout: SampleLayout::from_code(bytes[13]).ok_or_else(|| unknown(13, "sample layout", bytes[13]))?,
+        chunk_log2: bytes[14],
+        encoding: Encoding::from_code(bytes[16]).ok_or_else(|| unknown(16, "encoding", bytes[16]))?,
+        chunks: u32_at(bytes, 20),
+        bricks: u32_at(bytes, 24),
+        directory_crc: u32_at(bytes, 28),
+        directory_offset: u64_at(bytes, 32),
+    };
+    let range = header.directory();
+    if range.start < HEADER_BYTES as u64 || range.end != file_len {
+        return Err(FormatError::at(32, format!("the directory ends at byte {}, the file at {file_len}", range.end)));
+    }
+    Ok(header)
+}
+
+impl BrickHeader {
+    /// Bytes of the directory in the file.
+    pub fn directory(&self) -> Range<u64> {
+        let len = u64::from(self.chunks) * ENTRY_BYTES as u64;
+        self.directory_offset..self.directory_offset.saturating_add(len)
+    }
+
+    /// Reads the directory (the bytes of [`Self::directory`]).
+    ///
+    /// # Errors
+    /// A bad checksum, chunks out of order, empty or outside the payload area, brick counts that do not add up.
+    pub fn decode_directory(self, bytes: &[u8]) -> Result<BrickIndex, FormatError> {
+        let at = self.directory_offset;
+        if bytes.len() as u64 != u64::from(self.chunks) * ENTRY_BYTES as u64 {
+            return Err(FormatError::at(at, "the directory is cut short"));
+        }
+        if crc32fast::hash(bytes) != self.directory_crc {
+            return Err(FormatError::at(at, "directory checksum does not match: the file is damaged"));
+        }
+        let mut chunks = Vec::with_capacity(self.chunks as usize);
+        let (mut end, mut first_brick, mut last) = (HEADER_BYTES as u64, 0u32, None);
+        let places = 1u64 << (3 * u32::from(self.chunk_log2));
+        for (k, b) in bytes.chunks_exact(ENTRY_BYTES).enumerate() {
+            let entry = ChunkEntry {
+                morton: u64_at(b, 0),
+                mask: u64_at(b, 8),
+                offset: u64_at(b, 16),
+                length: u32_at(b, 24),
+                crc: u32_at(b, 28),
+                first_brick,
+            };
+            let sound = entry.mask != 0
+                && (places == 64 || entry.mask >> places == 0)
+                && last.is_none_or(|l| l < entry.morton)
+                && entry.offset == end
+                && entry.offset + u64::from(entry.length) <= at;
+            if !sound {
+                return Err(FormatError::at(at + (k * ENTRY_BYTES) as u64, "directory entry is not plausible"));
+            }
+            end += u64::from(entry.length);
+            first_brick = first_brick.saturating_add(entry.mask.count_ones());
+            last = Some(entry.morton);
+            chunks.push(entry);
+        }
+        if first_brick != self.bricks {
+            return Err(FormatError::at(24, format!("{} bricks declared, {first_brick} listed", self.bricks)));
+        }
+        Ok(BrickIndex { header: self, chunks })
+    }
+}
+
+impl BrickIndex {
+    /// The chunk that holds a brick of the level, and the brick's place among the chunk's bricks.
+    pub fn locate(&self, brick: u32) -> Option<(u32, u32)> {
+        let chunk = self.chunks.partition_point(|c| c.first_brick <= brick).checked_sub(1)?;
+        let local = brick - self.chunks[chunk].first_brick;
+        (local < self.chunks[chunk].mask.count_ones()).then_some((chunk as u32, local))
+    }
+
+    /// Position of a chunk's low corner, in bricks (nodes) of its level.
+    pub fn chunk_corner(&self, chunk: &ChunkEntry) -> UVec3 {
+        morton::decode(chunk.morton) << u32::from(self.header.chunk_log2)
+    }
+
+    /// Checks a payload as read from the file and decodes it.
+    ///
+    /// # Errors
+    /// A short read, a bad checksum, a payload that does not decode.
+    pub fn decode_chunk(&self, chunk: u32, bytes: &[u8]) -> Result<Chunk, FormatError> {
+        let Some(entry) = self.chunks.get(chunk as usize) else {
+            return Err(FormatError::file(format!("there is no chunk {chunk}")));
+        };
+        if bytes.len() != entry.length as usize {
+            return Err(FormatError::at(entry.offset, format!("chunk {chunk} is cut short")));
+        }
+        if crc32fast::hash(bytes) != entry.crc {
+            return Err(FormatError::at(
+                entry.offset,
+                format!("checksum of chunk {chunk} does not match: the file is damaged"),
+            ));
+        }
+        Chunk::decode(bytes, entry.mask, self.header.layout, self.header.encoding)
+            .map_err(|e| FormatError::at(entry.offset, format!("chunk {chunk}: {}", e.message)))
+    }
+}
+
+/// Collects the payloads of a level in Morton order and gives the file's parts.
+///
+/// The payloads go to the writer as they come (`on_disk` bytes so far are counted here), the directory follows them, and
+/// the header, known last, is written to the file's first bytes.
+#[derive(Debug)]
+pub struct BrickFileWriter {
+    header: BrickHeader,
+    directory: Vec<u8>,
+    last: Option<u64>,
+}
+
+impl BrickFileWriter {
+    /// A file of one level. Write [`HEADER_BYTES`] zeros first.
+    pub fn new(level: u8, layout: SampleLayout, chunk_log2: u8, encoding: Encoding) -> Self {
+        Self {
+            header: BrickHeader {
+                level,
+                layout,
+                chunk_log2: chunk_log2.min(2),
+                encoding,
+                chunks: 0,
+                bricks: 0,
+                directory_offset: HEADER_BYTES as u64,
+                directory_crc: 0,
+            },
+            directory: Vec::new(),
+            last: None,
+        }
+    }
+
+    /// Enters the next payload, to be written where the last one ended.
+    ///
+    /// # Errors
+    /// If the chunk does not follow the last one in Morton order, or is 4 GiB or more.
+    pub fn push(&mut self, position: UVec3, mask: u64, payload: &[u8]) -> Result<(), FormatError> {
+        let code = morton::encode(position);
+        if self.last.is_some_and(|l| l >= code) {
+            return Err(FormatError::file("chunks are not in Morton order"));
+        }
+        let length = u32::try_from(payload.len()).map_err(|_| FormatError::file("a chunk is 4 GiB or more"))?;
+        self.last = Some(code);
+        self.directory.extend_from_slice(&code.to_le_bytes());
+        self.directory.extend_from_slice(&mask.to_le_bytes());
+        self.directory.extend_from_slice(&self.header.directory_offset.to_le_bytes());
+        self.directory.extend_from_slice(&length.to_le_bytes());
+        self.directory.extend_from_slice(&crc32fast::hash(payload).to_le_bytes());
+        self.header.directory_offset += u64::from(length);
+        self.header.chunks += 1;
+        self.header.bricks += mask.count_ones();
+        Ok(())
+    }
+
+    /// The directory, to be written after the last payload, and the header, to be written to the first bytes.
+    pub fn finish(mut self) -> (Vec<u8>, [u8; HEADER_BYTES]) {
+        self.header.directory_crc = crc32fast::hash(&self.directory);
+        let h = &self.header;
+        let mut out = [0u8; HEADER_BYTES];
+        out[..8].copy_from_slice(&MAGIC);
+        out[8..12].copy_from_slice(&VERSION.to_le_bytes());
+        out[12..16].copy_from_slice(&[h.level, h.layout as u8, h.chunk_log2, LAYERS]);
+        out[16] = h.encoding as u8;
+        out[20..24].copy_from_slice(&h.chunks.to_le_bytes());
+        out[24..28].copy_from_slice(&h.bricks.to_le_bytes());
+        out[28..32].copy_from_slice(&h.directory_crc.to_le_bytes());
+        out[32..40].copy_from_slice(&h.directory_offset.to_le_bytes());
+        let crc = crc32fast::hash(&out[..60]);
+        out[60..].copy_from_slice(&crc.to_le_bytes());
+        (self.directory, out)
+    }
+}
+
+/// Name of the brick file of a level, beside its octree file: `a/b.oct` → `a/b.L03.brk`.
+pub fn brick_file_name(tree_file: &str, level: u8) -> String {
+    let stem = match tree_file.rfind('.') {
+        Some(dot) if dot > tree_file.rfind('/').map_or(0, |s| s + 1) => &tree_file[..dot],
+        _ => tree_file,
+    };
+    format!("{stem}.L{level:02}.brk")
+}

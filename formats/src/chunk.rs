@@ -1,0 +1,222 @@
+//! A chunk: the samples of the bricks in a cube of neighbouring bricks of one level, as one page.
+//!
+//! In memory a [`Chunk`] holds its bricks one after the other, apron included, ready for the GPU. On disk the bricks share
+//! what they have in common: the payload is the box of samples that covers the present bricks (aprons at its outside
+//! only, so it decodes without any other page), one plane of bytes per component, in columns from the top down, each
+//! byte as the difference to the one above it. Ground is constant from the surface downwards and empty above it, so most
+//! differences are zero; zstd does the rest.
+
+use glam::UVec3;
+
+use crate::error::FormatError;
+use crate::layout::{BRICK_VOXELS, SampleLayout};
+use crate::morton;
+
+/// Largest chunk: 4³ bricks, one bit each in a 64-bit mask.
+pub const MAX_CHUNK_SIDE: u32 = 4;
+
+/// How payloads of a file are coded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Encoding {
+    /// Column differences as they are.
+    Plain = 0,
+    /// Column differences, compressed by zstd.
+    Zstd = 1,
+}
+
+impl Encoding {
+    /// The encoding of a stored code, `None` where unknown.
+    pub fn from_code(code: u8) -> Option<Self> {
+        match code {
+            0 => Some(Self::Plain),
+            1 => Some(Self::Zstd),
+            _ => None,
+        }
+    }
+}
+
+/// Bricks of a chunk in Morton order of their place in it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Chunk {
+    /// Bit m is set if the brick at Morton code m inside the chunk is present.
+    pub mask: u64,
+    /// Samples per brick.
+    pub layout: SampleLayout,
+    /// Colours of all bricks; brick k at `k * layout.samples()`, x fastest.
+    pub color: Vec<[u8; 4]>,
+    /// Normals, in the same order.
+    pub normal: Vec<[i8; 4]>,
+}
+
+/// Components stored per sample: r, g, b, a, nx, ny, nz.
+const PLANES: usize = 7;
+
+/// The box of samples that covers the present bricks.
+struct Region {
+    /// First brick of the box, in bricks from the chunk's corner.
+    lo: UVec3,
+    /// Samples per axis.
+    size: UVec3,
+}
+
+impl Region {
+    fn new(mask: u64, layout: SampleLayout) -> Self {
+        let (mut lo, mut hi) = (UVec3::splat(MAX_CHUNK_SIDE), UVec3::ZERO);
+        for p in brick_positions(mask) {
+            lo = lo.min(p);
+            hi = hi.max(p + 1);
+        }
+        let hi = hi.max(lo);
+        Self { lo, size: (hi - lo) * BRICK_VOXELS + (layout.side() - BRICK_VOXELS) }
+    }
+
+    fn samples(&self) -> usize {
+        (self.size.x * self.size.y * self.size.z) as usize
+    }
+
+    /// Index in a plane of the brick's sample row at (y, z) of the brick at `p`. Columns run along z, top down, and are
+    /// the fastest axis; then x, then y.
+    fn column(&self, p: UVec3, x: u32, y: u32) -> usize {
+        let q = (p - self.lo) * BRICK_VOXELS;
+        (((q.y + y) * self.size.x + q.x + x) * self.size.z) as usize
+    }
+
+    /// Position in its column of the sample at height z of the brick at `p`.
+    fn depth(&self, p: UVec3, z: u32) -> usize {
+        let q = (p.z - self.lo.z) * BRICK_VOXELS;
+        (self.size.z - 1 - (q + z)) as usize
+    }
+}
+
+/// Places of the bricks of a mask, in bricks from the chunk's corner, in Morton order.
+pub fn brick_positions(mask: u64) -> impl Iterator<Item = UVec3> {
+    (0..64).filter(move |m| mask >> m & 1 == 1).map(morton::decode)
+}
+
+impl Chunk {
+    /// Number of bricks.
+    pub fn bricks(&self) -> usize {
+        self.mask.count_ones() as usize
+    }
+
+    /// Colours of brick k.
+    pub fn brick_color(&self, k: usize) -> &[[u8; 4]] {
+        let n = self.layout.samples();
+        &self.color[k * n..(k + 1) * n]
+    }
+
+    /// Normals of brick k.
+    pub fn brick_normal(&self, k: usize) -> &[[i8; 4]] {
+        let n = self.layout.samples();
+        &self.normal[k * n..(k + 1) * n]
+    }
+
+    /// Bytes the chunk takes in memory.
+    pub fn memory(&self) -> usize {
+        self.color.len() * 8 + size_of::<Self>()
+    }
+
+    /// Codes the chunk. Samples that several bricks share must be equal in all of them (the last brick's are kept).
+    ///
+    /// # Errors
+    /// If the number of samples does not match the mask, or the compressor fails.
+    pub fn encode(&self, encoding: Encoding) -> Result<Vec<u8>, FormatError> {
+        let samples = self.layout.samples();
+        if self.color.len() != self.bricks() * samples || self.normal.len() != self.color.len() {
+            return Err(FormatError::file("a chunk's samples do not match its mask"));
+        }
+        let region = Region::new(self.mask, self.layout);
+        let n = region.samples();
+        let mut planes = vec![0u8; n * PLANES];
+        let side = self.layout.side();
+        for (k, p) in brick_positions(self.mask).enumerate() {
+            let (color, normal) = (self.brick_color(k), self.brick_normal(k));
+            for y in 0..side {
+                for x in 0..side {
+                    let column = region.column(p, x, y);
+                    for z in 0..side {
+                        let from = ((z * side + y) * side + x) as usize;
+                        let to = column + region.depth(p, z);
+                        let [r, g, b, a] = color[from];
+                        let [nx, ny, nz, _] = normal[from];
+                        for (plane, v) in
+                            [r, g, b, a, nx as u8, ny as u8, nz as u8].into_iter().enumerate()
+                        {
+                            planes[plane * n + to] = v;
+                        }
+                    }
+                }
+            }
+        }
+        for column in planes.chunks_exact_mut(region.size.z as usize) {
+            let mut above = 0u8;
+            for v in column {
+                (*v, above) = (v.wrapping_sub(above), *v);
+            }
+        }
+        match encoding {
+            Encoding::Plain => Ok(planes),
+            Encoding::Zstd => zstd::bulk::compress(&planes, 3)
+                .map_err(|e| FormatError::file(format!("compressing a chunk failed: {e}"))),
+        }
+    }
+
+    /// Decodes a payload whose checksum has been verified.
+    ///
+    /// # Errors
+    /// If the payload does not decode to exactly the samples that mask and layout ask for.
+    pub fn decode(
+        bytes: &[u8],
+        mask: u64,
+        layout: SampleLayout,
+        encoding: Encoding,
+    ) -> Result<Self, FormatError> {
+        let region = Region::new(mask, layout);
+        let n = region.samples();
+        let mut planes = match encoding {
+            Encoding::Plain => bytes.to_vec(),
+            Encoding::Zstd => zstd::bulk::decompress(bytes, n * PLANES)
+                .map_err(|e| FormatError::file(format!("chunk payload does not decompress: {e}")))?,
+        };
+        if planes.len() != n * PLANES {
+            return Err(FormatError::file(format!(
+                "chunk payload has {} bytes, {} expected",
+                planes.len(),
+                n * PLANES
+            )));
+        }
+        for column in planes.chunks_exact_mut(region.size.z as usize) {
+            let mut above = 0u8;
+            for v in column {
+                above = above.wrapping_add(*v);
+                *v = above;
+            }
+        }
+        let (side, samples) = (layout.side(), layout.samples());
+        let bricks = mask.count_ones() as usize;
+        let mut chunk = Self {
+            mask,
+            layout,
+            color: vec![[0; 4]; bricks * samples],
+            normal: vec![[0; 4]; bricks * samples],
+        };
+        let plane: [&[u8]; PLANES] = std::array::from_fn(|k| &planes[k * n..(k + 1) * n]);
+        for (k, p) in brick_positions(mask).enumerate() {
+            for y in 0..side {
+                for x in 0..side {
+                    let column = region.column(p, x, y);
+                    for z in 0..side {
+                        let from = column + region.depth(p, z);
+                        let to = k * samples + ((z * side + y) * side + x) as usize;
+                        chunk.color[to] =
+                            [plane[0][from], plane[1][from], plane[2][from], plane[3][from]];
+                        chunk.normal[to] =
+                            [plane[4][from] as i8, plane[5][from] as i8, plane[6][from] as i8, 0];
+                    }
+                }
+            }
+        }
+        Ok(chunk)
+    }
+}

@@ -1,0 +1,56 @@
+//! One error type for all formats: what is wrong and where in the bytes. The caller knows the path and puts it in front.
+
+use std::fmt;
+
+/// Where in a file something is wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Byte offset from the start of the file.
+    Offset(u64),
+    /// Line and column of a text file, both from 1.
+    Line {
+        /// Line, from 1.
+        line: u32,
+        /// Column, from 1.
+        column: u32,
+    },
+    /// The file as a whole.
+    File,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Place::Offset(offset) => write!(f, "byte {offset}"),
+            Place::Line { line, column } => write!(f, "line {line}, column {column}"),
+            Place::File => write!(f, "file"),
+        }
+    }
+}
+
+/// A file that cannot be used, with the place and the reason on one line.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{place}: {message}")]
+pub struct FormatError {
+    /// Where.
+    pub place: Place,
+    /// What is wrong there, one line.
+    pub message: String,
+}
+
+impl FormatError {
+    /// An error at a byte offset.
+    pub fn at(offset: u64, message: impl Into<String>) -> Self {
+        Self { place: Place::Offset(offset), message: message.into() }
+    }
+
+    /// An error of the file as a whole.
+    pub fn file(message: impl Into<String>) -> Self {
+        Self { place: Place::File, message: message.into() }
+    }
+
+    /// An error at a line and column, both from 1.
+    pub fn line(line: u32, column: u32, message: impl Into<String>) -> Self {
+        Self { place: Place::Line { line, column }, message: message.into() }
+    }
+}

@@ -1,0 +1,162 @@
+//! What a stored sample means, in one place. Everything that writes or reads samples goes through here.
+//!
+//! A sample is `[r, g, b, a]` (8 bits each) and `[nx, ny, nz, 0]` (8 bits signed each).
+//!
+//! - `a/255 · gain`, clamped to 1, is the **opacity across one voxel of the sample's own level** (for a constant node:
+//!   across an eighth of the node's side). The gain is a property of the tree: built trees store at half scale (gain 2) so
+//!   that open skins can be over-saturated and stay opaque at every phase of the interpolation; hand-written trees may
+//!   use gain 1.
+//! - `rgb` is the linear-light colour times `a/255`, stored in the sRGB encoding (`sRGB(colour · a/255)`): filtering happens
+//!   after decoding, in linear light, and dark colours keep their precision.
+//! - `n` is the mean normal (world axes, length ≤ 1: short where normals disagree) times the opacity, over 127.
+
+use std::sync::LazyLock;
+
+/// The gain of trees written by the builder.
+pub const BUILD_GAIN: u8 = 2;
+
+/// Stored alpha of solid ground under [`BUILD_GAIN`]: opaque with a margin of some rounding steps of a texture unit.
+pub const SOLID_ALPHA: u8 = 132;
+
+/// Stored alpha of an over-saturated open skin under [`BUILD_GAIN`].
+pub const SKIN_ALPHA: u8 = 255;
+
+/// A stored sample of all layers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stored {
+    /// Premultiplied, sRGB-encoded colour and linear alpha.
+    pub color: [u8; 4],
+    /// Mean normal × opacity × 127, and a spare zero.
+    pub normal: [i8; 4],
+}
+
+/// A sample before storing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Value {
+    /// Linear-light colour, not premultiplied, 0..1.
+    pub rgb: [f32; 3],
+    /// Opacity across one voxel divided by the gain, 0..1; with a gain of 2, values above ½ are over-saturated.
+    pub alpha: f32,
+    /// Mean normal in world axes, length ≤ 1.
+    pub normal: [f32; 3],
+}
+
+static TO_LINEAR: LazyLock<[f64; 256]> =
+    LazyLock::new(|| std::array::from_fn(|i| srgb_decode(i as f64 / 255.0)));
+
+/// Linear values at which the rounded sRGB code steps up: code k for values in `STEP[k]..STEP[k+1]`.
+static STEP: LazyLock<[f32; 257]> = LazyLock::new(|| {
+    std::array::from_fn(|i| match i {
+        0 => f32::NEG_INFINITY,
+        256 => f32::INFINITY,
+        _ => srgb_decode((i as f64 - 0.5) / 255.0) as f32,
+    })
+});
+
+static GUESS: LazyLock<[u8; 4097]> = LazyLock::new(|| {
+    std::array::from_fn(|i| {
+        let x = i as f32 / 4096.0;
+        (STEP.partition_point(|s| *s <= x).clamp(1, 256) - 1) as u8
+    })
+});
+
+fn srgb_decode(s: f64) -> f64 {
+    if s <= 0.04045 { s / 12.92 } else { ((s + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Linear light (0..1) of an sRGB code.
+pub fn srgb_to_linear(code: u8) -> f32 {
+    TO_LINEAR[usize::from(code)] as f32
+}
+
+/// Linear light (0..1) of an sRGB code, in full precision.
+pub fn srgb_to_linear_f64(code: u8) -> f64 {
+    TO_LINEAR[usize::from(code)]
+}
+
+/// The sRGB code nearest to a linear value; values outside 0..1 and NaN are clamped.
+pub fn linear_to_srgb(x: f32) -> u8 {
+    let x = if x > 0.0 { x.min(1.0) } else { 0.0 };
+    let mut code = usize::from(GUESS[(x * 4096.0) as usize]);
+    while x >= STEP[code + 1] {
+        code += 1;
+    }
+    code as u8
+}
+
+impl Value {
+    /// Quantises to what is stored, with the tree's gain.
+    pub fn store(&self, gain: u8) -> Stored {
+        let a = (self.alpha.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+        if a == 0 {
+            return Stored::default();
+        }
+        let v = f32::from(a) / 255.0;
+        let opacity = (v * f32::from(gain)).min(1.0);
+        let n = self.normal.map(|c| (c * opacity * 127.0).round().clamp(-127.0, 127.0) as i8);
+        let [r, g, b] = self.rgb.map(|c| linear_to_srgb(c * v));
+        Stored { color: [r, g, b, a], normal: [n[0], n[1], n[2], 0] }
+    }
+}
+
+/// Decodes a stored colour to linear light: premultiplied rgb and the stored alpha, all 0..1 (the gain is not applied).
+pub fn decode_color(c: [u8; 4]) -> [f64; 4] {
+    [
+        srgb_to_linear_f64(c[0]),
+        srgb_to_linear_f64(c[1]),
+        srgb_to_linear_f64(c[2]),
+        f64::from(c[3]) / 255.0,
+    ]
+}
+
+/// Decodes a stored normal (8-bit signed normalised, as texture units do): mean normal × opacity.
+pub fn decode_normal(n: [i8; 4]) -> [f64; 3] {
+    [n[0], n[1], n[2]].map(|c| (f64::from(c) / 127.0).max(-1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn srgb_codes_round_trip_and_are_nearest() {
+        for code in 0..=255u8 {
+            assert_eq!(linear_to_srgb(srgb_to_linear(code)), code);
+        }
+        for i in 0..=100_000 {
+            let x = i as f32 / 100_000.0;
+            let best = (0..=255u8)
+                .min_by(|a, b| {
+                    let d = |c: &u8| (srgb_encode(f64::from(x)) * 255.0 - f64::from(*c)).abs();
+                    d(a).total_cmp(&d(b))
+                })
+                .unwrap();
+            let got = linear_to_srgb(x);
+            assert!(got.abs_diff(best) == 0 || (srgb_encode(f64::from(x)) * 255.0).fract() - 0.5 < 1e-4, "{x}");
+        }
+        assert_eq!((linear_to_srgb(f32::NAN), linear_to_srgb(-1.0), linear_to_srgb(9.0)), (0, 0, 255));
+    }
+
+    fn srgb_encode(x: f64) -> f64 {
+        if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
+    }
+
+    #[test]
+    fn solid_alpha_is_opaque_after_rounding_errors_of_a_texture_unit() {
+        let lowest = (f32::from(SOLID_ALPHA) - 1.8) / 255.0 * f32::from(BUILD_GAIN);
+        assert!(lowest >= 1.0);
+    }
+
+    #[test]
+    fn storing_keeps_colour_and_normal_within_rounding() {
+        let value = Value { rgb: [0.2, 0.5, 0.9], alpha: 0.5, normal: [0.0, 0.6, 0.8] };
+        let stored = value.store(BUILD_GAIN);
+        let c = decode_color(stored.color);
+        for (k, rgb) in value.rgb.iter().enumerate() {
+            assert!((c[k] / c[3] - f64::from(*rgb)).abs() < 0.008, "{c:?}");
+        }
+        let n = decode_normal(stored.normal);
+        assert!((n[1] - 0.6).abs() < 0.005 && (n[2] - 0.8).abs() < 0.005);
+        assert_eq!(Value { alpha: 0.001, ..value }.store(BUILD_GAIN), Stored::default());
+    }
+}

@@ -1,0 +1,254 @@
+//! Colour images from files: PNG, JPEG, BMP, TGA and TIFF as straight sRGB RGBA8.
+//!
+//! The kind of file is taken from its first bytes, and only then from its name. Called from any thread.
+
+use std::fs;
+use std::io::{Cursor, Read};
+use std::path::Path;
+
+use image::{ImageError, ImageFormat, ImageReader};
+use tiff::ColorType;
+use tiff::decoder::DecodingResult;
+
+use super::error::InputError;
+use super::tiff_file::{self, TiffImage};
+
+/// Longest side of an image that is read, pixels.
+pub const MAX_SIDE: u32 = 1 << 17;
+/// Most pixels of an image that is read (2 GiB as RGBA8).
+pub const MAX_PIXELS: u64 = 1 << 29;
+
+/// A decoded colour image: sRGB, straight alpha, row 0 at the top.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Raster {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// `width · height` pixels, row by row from the top: red, green, blue, alpha.
+    pub pixels: Vec<[u8; 4]>,
+}
+
+/// Refuses a declared size beyond [`MAX_SIDE`] and [`MAX_PIXELS`], or without pixels, before anything is allocated.
+pub(crate) fn check_size(path: &Path, width: u32, height: u32) -> Result<(), InputError> {
+    if width == 0 || height == 0 {
+        return Err(InputError::damaged(path, format!("the image has no pixels ({width} x {height})")));
+    }
+    if width > MAX_SIDE || height > MAX_SIDE || u64::from(width) * u64::from(height) > MAX_PIXELS {
+        return Err(InputError::TooLarge {
+            path: path.to_path_buf(),
+            width: u64::from(width),
+            height: u64::from(height),
+            limit: format!("{MAX_SIDE} pixels a side and {MAX_PIXELS} in all"),
+        });
+    }
+    Ok(())
+}
+
+/// The first bytes of a file, enough to tell its kind.
+pub(crate) fn file_start(path: &Path) -> Result<Vec<u8>, InputError> {
+    let mut start = Vec::with_capacity(16);
+    fs::File::open(path)
+        .and_then(|file| file.take(16).read_to_end(&mut start))
+        .map_err(|e| InputError::io(path, e))?;
+    Ok(start)
+}
+
+/// Decodes PNG, JPEG, BMP or TGA.
+pub(crate) fn decode(path: &Path) -> Result<image::DynamicImage, InputError> {
+    let bytes = fs::read(path).map_err(|e| InputError::io(path, e))?;
+    let mut reader = ImageReader::new(Cursor::new(bytes.as_slice()))
+        .with_guessed_format()
+        .map_err(|e| InputError::io(path, e))?;
+    let format = match reader.format().or_else(|| ImageFormat::from_path(path).ok()) {
+        Some(f @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::Bmp | ImageFormat::Tga)) => f,
+        _ => return Err(InputError::unsupported(path, "not a PNG, JPEG, BMP, TGA or TIFF image")),
+    };
+    if format == ImageFormat::Jpeg && !jpeg_is_complete(&bytes) {
+        return Err(InputError::damaged(path, "the JPEG file is cut short (no end marker)"));
+    }
+    reader.set_format(format);
+    let (width, height) = ImageReader::with_format(Cursor::new(bytes.as_slice()), format)
+        .into_dimensions()
+        .map_err(|e| fault(path, e))?;
+    check_size(path, width, height)?;
+    reader.no_limits();
+    reader.decode().map_err(|e| fault(path, e))
+}
+
+fn fault(path: &Path, error: ImageError) -> InputError {
+    match error {
+        ImageError::Unsupported(e) => InputError::unsupported(path, e.to_string()),
+        ImageError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
+            InputError::damaged(path, "the image file is cut short")
+        }
+        e => InputError::damaged(path, e),
+    }
+}
+
+/// Whether an end-of-image marker follows the first scan. The decoder is lenient and would fill a missing rest with grey.
+fn jpeg_is_complete(bytes: &[u8]) -> bool {
+    let mut at = 2;
+    while let Some(&[0xff, marker, hi, lo]) = bytes.get(at..at + 4) {
+        if marker == 0xda {
+            return bytes[at..].windows(2).rev().any(|pair| pair == [0xff, 0xd9]);
+        }
+        // Fill bytes before a marker are legal.
+        at += if marker == 0xff { 1 } else { 2 + usize::from(u16::from_be_bytes([hi, lo])) };
+    }
+    false
+}
+
+impl Raster {
+    /// Reads an image file.
+    ///
+    /// # Errors
+    /// A missing, damaged, truncated or unsupported file, or one beyond [`MAX_SIDE`] and [`MAX_PIXELS`].
+    pub fn load(path: &Path) -> Result<Raster, InputError> {
+        if tiff_file::is_tiff(&file_start(path)?) {
+            return from_tiff(path, tiff_file::read_image(path)?);
+        }
+        let image = decode(path)?.into_rgba8();
+        let (width, height) = image.dimensions();
+        let pixels = image.into_raw().as_chunks::<4>().0.to_vec();
+        Ok(Raster { width, height, pixels })
+    }
+
+    /// The pixel at a column and row; both are clamped to the image.
+    #[inline]
+    pub fn pixel(&self, column: u32, row: u32) -> [u8; 4] {
+        let (column, row) = (column.min(self.width - 1), row.min(self.height - 1));
+        self.pixels[row as usize * self.width as usize + column as usize]
+    }
+}
+
+fn from_tiff(path: &Path, image: TiffImage) -> Result<Raster, InputError> {
+    let count = image.width as usize * image.height as usize;
+    let bytes: Vec<u8> = match image.samples {
+        DecodingResult::U8(samples) => samples,
+        DecodingResult::U16(samples) => {
+            samples.into_iter().map(|s| ((u32::from(s) * 255 + 32767) / 65535) as u8).collect()
+        }
+        _ => return Err(InputError::unsupported(path, "colour TIFF images are read with 8 or 16 bits a sample")),
+    };
+    let bands = image.bands;
+    if bytes.len() < count * bands {
+        return Err(InputError::damaged(path, "the TIFF image has fewer samples than its size asks for"));
+    }
+    let (pixel_step, band_step) = if image.planar { (1, count) } else { (bands, 1) };
+    let sample = |pixel: usize, band: usize| bytes[pixel * pixel_step + band * band_step];
+    let grey = |i: usize| [sample(i, 0), sample(i, 0), sample(i, 0), 255];
+    let rgb = |i: usize| [sample(i, 0), sample(i, 1), sample(i, 2), 255];
+    let mut pixels: Vec<[u8; 4]> = match image.color {
+        ColorType::Gray(8 | 16) => (0..count).map(grey).collect(),
+        ColorType::GrayA(_) | ColorType::Multiband { num_samples: 2, .. } => {
+            (0..count).map(|i| [sample(i, 0), sample(i, 0), sample(i, 0), sample(i, 1)]).collect()
+        }
+        ColorType::RGB(_) | ColorType::Multiband { num_samples: 3.., .. } if bands >= 3 => {
+            (0..count).map(rgb).collect()
+        }
+        ColorType::RGBA(_) if bands >= 4 => {
+            (0..count).map(|i| [sample(i, 0), sample(i, 1), sample(i, 2), sample(i, 3)]).collect()
+        }
+        ColorType::YCbCr(_) if bands == 3 => (0..count).map(|i| ycbcr(rgb(i))).collect(),
+        other => return Err(InputError::unsupported(path, format!("TIFF colour type {other:?} is not read"))),
+    };
+    if image.associated_alpha {
+        pixels.iter_mut().for_each(straighten);
+    }
+    Ok(Raster { width: image.width, height: image.height, pixels })
+}
+
+/// Full-range BT.601, which is what JPEG in TIFF uses.
+fn ycbcr([y, cb, cr, a]: [u8; 4]) -> [u8; 4] {
+    let (y, cb, cr) = (f32::from(y), f32::from(cb) - 128.0, f32::from(cr) - 128.0);
+    let code = |v: f32| v.round().clamp(0.0, 255.0) as u8;
+    [code(y + 1.402 * cr), code(y - 0.344_136 * cb - 0.714_136 * cr), code(y + 1.772 * cb), a]
+}
+
+fn straighten(pixel: &mut [u8; 4]) {
+    let a = u32::from(pixel[3]);
+    if a > 0 {
+        for c in &mut pixel[..3] {
+            *c = ((u32::from(*c) * 255 + a / 2) / a).min(255) as u8;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::input::test_data::{self, data};
+    use tiff::encoder::{TiffEncoder, colortype};
+
+    #[test]
+    fn png_keeps_alpha_and_row_order() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.png");
+        let mut image = image::RgbaImage::new(2, 2);
+        image.put_pixel(1, 0, image::Rgba([10, 20, 30, 40]));
+        image.save(&path).unwrap();
+        let raster = Raster::load(&path).unwrap();
+        assert_eq!((raster.width, raster.height), (2, 2));
+        assert_eq!(raster.pixels[1], [10, 20, 30, 40]);
+    }
+
+    #[test]
+    fn truncated_files_are_errors_naming_the_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let image = image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([(x * y) as u8, (x ^ y) as u8, (x * 7) as u8]));
+        for name in ["a.png", "a.jpg", "a.bmp", "a.tga"] {
+            let path = dir.path().join(name);
+            image.save(&path).unwrap();
+            assert!(Raster::load(&path).is_ok(), "{name}");
+            let bytes = fs::read(&path).unwrap();
+            fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+            let message = Raster::load(&path).unwrap_err().to_string();
+            assert!(message.contains(name) && !message.contains('\n'), "{message}");
+        }
+    }
+
+    #[test]
+    fn sixteen_bit_and_rgba_tiff() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.tif");
+        let mut encoder = TiffEncoder::new(fs::File::create(&path).unwrap()).unwrap();
+        encoder.write_image::<colortype::RGB16>(1, 1, &[65535, 257 * 7, 0]).unwrap();
+        assert_eq!(Raster::load(&path).unwrap().pixels, [[255, 7, 0, 255]]);
+        let mut encoder = TiffEncoder::new(fs::File::create(&path).unwrap()).unwrap();
+        encoder.write_image::<colortype::RGBA8>(1, 2, &[1, 2, 3, 4, 5, 6, 7, 0]).unwrap();
+        assert_eq!(Raster::load(&path).unwrap().pixels, [[1, 2, 3, 4], [5, 6, 7, 0]]);
+        let bytes = fs::read(&path).unwrap();
+        fs::write(&path, &bytes[..12]).unwrap();
+        assert!(Raster::load(&path).is_err());
+    }
+
+    #[test]
+    fn planar_tiff_with_associated_alpha() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("planar.tif");
+        // Two pixels, four planes; alpha is multiplied in.
+        fs::write(&path, test_data::planar_tiff(2, 1, &[&[100, 1], &[50, 2], &[0, 3], &[128, 255]], 1)).unwrap();
+        assert_eq!(Raster::load(&path).unwrap().pixels, [[199, 100, 0, 128], [1, 2, 3, 255]]);
+    }
+
+    #[test]
+    fn a_huge_declared_size_is_refused_before_allocation() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("huge.bmp");
+        image::RgbImage::new(2, 2).save(&path).unwrap();
+        let mut bytes = fs::read(&path).unwrap();
+        bytes[18..22].copy_from_slice(&60_000u32.to_le_bytes());
+        bytes[22..26].copy_from_slice(&60_000u32.to_le_bytes());
+        fs::write(&path, &bytes).unwrap();
+        assert!(matches!(Raster::load(&path), Err(InputError::TooLarge { .. })));
+    }
+
+    #[test]
+    fn sertig_rgba_tiff() {
+        let Some(path) = data("sertig_valley_ch/sertig_valley_color.tif") else { return };
+        let raster = Raster::load(&path).unwrap();
+        assert_eq!((raster.width, raster.height), (641, 917));
+        assert!(raster.pixels.iter().any(|p| p[3] == 255));
+    }
+}

@@ -1,0 +1,35 @@
+//! The input side of the builder: what users bring, decoded, checked and placed in the world.
+//!
+//! - [`heights`] and [`imagery`]: height maps and the pictures laid over them, placed by [`georef`];
+//! - [`mesh`]: OBJ models with materials and [`texture`]s;
+//! - [`demo`]: a terrain made from a seed, written as the files a user would bring.
+//!
+//! World space is metres, f64, X east, Y north, Z up. Colours that leave this module are in linear light.
+//! Readers check every declared size before they allocate and every number before they keep it; a fault is one
+//! [`InputError`] naming file and place. Everything loaded is immutable and can be read from many threads.
+
+pub mod demo;
+mod error;
+pub mod georef;
+pub mod heights;
+pub mod image_file;
+pub mod imagery;
+mod linear;
+mod materials;
+pub mod mesh;
+mod obj;
+mod pam;
+#[cfg(test)]
+mod test_data;
+pub mod texture;
+mod tiff_file;
+mod wkt;
+mod world_file;
+
+pub use error::InputError;
+pub use georef::{GeoTransform, Georef};
+pub use heights::{HeightMap, HeightOptions, HeightUnit, load_layer};
+pub use image_file::Raster;
+pub use imagery::{Imagery, ramp_color};
+pub use mesh::{Material, Mesh, Triangle, UpAxis};
+pub use texture::Texture;
