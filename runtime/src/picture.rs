@@ -1,0 +1,29 @@
+//! A rendered picture in linear light, and the counters of the rays that drew it.
+
+/// Linear-light, premultiplied RGBA; row 0 at the top.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Picture {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// `width * height` pixels.
+    pub pixels: Vec<[f32; 4]>,
+}
+
+/// Sums over the rays of a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RayCounters {
+    /// Rays that met something (alpha above zero).
+    pub rays_hit: u64,
+    /// Node words read, over the rays that hit.
+    pub nodes: u64,
+    /// Positions at which bricks were read, over the rays that hit; both levels of a position count once.
+    pub samples: u64,
+    /// Trilinear reads, colour and normal each counting, over the rays that hit.
+    pub texture_reads: u64,
+    /// Rays stopped by the step cap.
+    pub capped: u64,
+    /// Pixels that came out NaN or infinite.
+    pub not_finite: u64,
+}

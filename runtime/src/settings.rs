@@ -1,0 +1,30 @@
+//! What both renderers, the GPU ray caster and the CPU reference, are told besides the camera.
+
+use glam::DVec3;
+
+/// How a picture is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderSettings {
+    /// log2 offset on the pixel's footprint before a level is chosen; negative is finer.
+    pub bias: f64,
+    /// Mix the two levels around the wanted one; off: the nearest level alone.
+    pub mix_levels: bool,
+    /// Unit vector towards the sun, world axes.
+    pub sun: DVec3,
+    /// Light that every surface gets.
+    pub ambient: f64,
+    /// Light that a surface facing the sun gets on top.
+    pub diffuse: f64,
+}
+
+impl Default for RenderSettings {
+    fn default() -> Self {
+        Self { bias: -0.5, mix_levels: true, sun: sun_direction(135.0, 45.0), ambient: 0.3, diffuse: 0.7 }
+    }
+}
+
+/// Unit vector towards a sun at an azimuth (degrees clockwise from north) and elevation (degrees above the horizon).
+pub fn sun_direction(azimuth: f64, elevation: f64) -> DVec3 {
+    let (a, e) = (azimuth.to_radians(), elevation.to_radians());
+    DVec3::new(a.sin() * e.cos(), a.cos() * e.cos(), e.sin())
+}
