@@ -96,7 +96,10 @@ impl Aabb {
 
     /// The smallest box around both.
     pub fn union(&self, other: &Aabb) -> Aabb {
-        Aabb { min: self.min.min(other.min), max: self.max.max(other.max) }
+        Aabb {
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+        }
     }
 
     /// Metres from `point` to the nearest point of the closed box; 0 inside and on its faces.
@@ -164,7 +167,10 @@ mod tests {
         assert_eq!(both, cube(-3.0, 1.0));
         assert!(both.encloses(&cube(0.0, 1.0)) && !cube(0.0, 1.0).encloses(&both));
         assert_eq!(both.size(), DVec3::splat(4.0));
-        assert_eq!(cube(f64::MAX / 2.0, f64::MAX).center(), DVec3::splat(f64::MAX * 0.75));
+        assert_eq!(
+            cube(f64::MAX / 2.0, f64::MAX).center(),
+            DVec3::splat(f64::MAX * 0.75)
+        );
     }
 
     proptest! {

@@ -97,7 +97,15 @@ impl Camera {
         }
         .normalize();
         let up = right.cross(forward).normalize();
-        Ok(Camera { eye, forward, right, up, fov_y, width, height })
+        Ok(Camera {
+            eye,
+            forward,
+            right,
+            up,
+            fov_y,
+            width,
+            height,
+        })
     }
 
     /// Screen coordinates, in tangents, of the centre of pixel (`px`, `py`): the pixel's ray is
@@ -154,15 +162,33 @@ mod tests {
     fn refuses_what_no_picture_can_be_made_of() {
         let at = |eye, target, fov, w, h| Camera::look_at(eye, target, fov, w, h);
         let (o, x) = (DVec3::ZERO, DVec3::X);
-        assert!(matches!(at(DVec3::NAN, x, 60.0, 8, 8), Err(CameraError::NotFinite { .. })));
-        assert!(matches!(at(o, x * f64::INFINITY, 60.0, 8, 8), Err(CameraError::NotFinite { .. })));
-        assert!(matches!(at(x * f64::MAX, x * -f64::MAX, 60.0, 8, 8), Err(CameraError::NotFinite { .. })));
+        assert!(matches!(
+            at(DVec3::NAN, x, 60.0, 8, 8),
+            Err(CameraError::NotFinite { .. })
+        ));
+        assert!(matches!(
+            at(o, x * f64::INFINITY, 60.0, 8, 8),
+            Err(CameraError::NotFinite { .. })
+        ));
+        assert!(matches!(
+            at(x * f64::MAX, x * -f64::MAX, 60.0, 8, 8),
+            Err(CameraError::NotFinite { .. })
+        ));
         assert!(matches!(at(x, x, 60.0, 8, 8), Err(CameraError::NoDirection(_))));
         for fov in [0.0, -1.0, 180.0, 1e9, f64::NAN, f64::INFINITY, 1e-323] {
-            assert!(matches!(at(o, x, fov, 8, 8), Err(CameraError::FieldOfView(_))), "{fov}");
+            assert!(
+                matches!(at(o, x, fov, 8, 8), Err(CameraError::FieldOfView(_))),
+                "{fov}"
+            );
         }
-        assert!(matches!(at(o, x, 60.0, 0, 8), Err(CameraError::EmptyPicture { .. })));
-        assert!(matches!(at(o, x, 60.0, 8, 0), Err(CameraError::EmptyPicture { .. })));
+        assert!(matches!(
+            at(o, x, 60.0, 0, 8),
+            Err(CameraError::EmptyPicture { .. })
+        ));
+        assert!(matches!(
+            at(o, x, 60.0, 8, 0),
+            Err(CameraError::EmptyPicture { .. })
+        ));
         for fov in [1e-9, 179.9999] {
             assert!(at(o, x, fov, 16384, 1).is_ok(), "{fov}");
         }
@@ -182,7 +208,10 @@ mod tests {
     #[test]
     fn straight_down_and_up_take_north_as_hint() {
         let down = Camera::look_at(dvec3(5.0, 6.0, 100.0), dvec3(5.0, 6.0, 0.0), 60.0, 64, 64).unwrap();
-        assert_eq!((down.forward, down.right, down.up), (DVec3::NEG_Z, DVec3::X, DVec3::Y));
+        assert_eq!(
+            (down.forward, down.right, down.up),
+            (DVec3::NEG_Z, DVec3::X, DVec3::Y)
+        );
         let up = Camera::look_at(DVec3::ZERO, DVec3::Z, 60.0, 64, 64).unwrap();
         assert_eq!((up.forward, up.right, up.up), (DVec3::Z, DVec3::NEG_X, DVec3::Y));
     }

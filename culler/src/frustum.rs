@@ -14,7 +14,7 @@
 
 use crate::bounds::Aabb;
 use crate::camera::Camera;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 /// The planes a box still straddles, one bit each; a child need not test what its parent was inside of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,8 +59,18 @@ impl Frustum {
     /// The pyramid over the whole picture, to the outer edges of its border pixels.
     pub fn new(camera: &Camera) -> Frustum {
         let half = camera.screen_half_extent();
-        let Camera { eye, forward, right, up, .. } = *camera;
-        let mut frustum = Frustum { eye, normals: [DVec3::ZERO; MAX_PLANES], count: 0 };
+        let Camera {
+            eye,
+            forward,
+            right,
+            up,
+            ..
+        } = *camera;
+        let mut frustum = Frustum {
+            eye,
+            normals: [DVec3::ZERO; MAX_PLANES],
+            count: 0,
+        };
         frustum.push(forward * half.x - right);
         frustum.push(forward * half.x + right);
         frustum.push(forward * half.y - up);
@@ -69,7 +79,7 @@ impl Frustum {
 
         let corners = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)]
             .map(|(x, y)| forward + right * (x * half.x) + up * (y * half.y));
-        for axis in DMat3::IDENTITY.to_cols_array_2d().map(DVec3::from_array) {
+        for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
             frustum.push_support(axis, &corners, None);
             for (index, corner) in corners.iter().enumerate() {
                 frustum.push_support(corner.cross(axis), &corners, Some(index));
@@ -104,7 +114,11 @@ impl Frustum {
                 open ^= bit;
             }
         }
-        if open & SIDES == 0 { Containment::Inside } else { Containment::Intersects(PlaneMask(open)) }
+        if open & SIDES == 0 {
+            Containment::Inside
+        } else {
+            Containment::Intersects(PlaneMask(open))
+        }
     }
 
     fn push(&mut self, normal: DVec3) {
@@ -144,13 +158,31 @@ mod tests {
             let bounds = Aabb::new(DVec3::from(min), DVec3::from(max)).unwrap();
             frustum.classify(&bounds, frustum.full_mask())
         };
-        assert_eq!(classify([10.0, -1.0, -1.0], [12.0, 1.0, 1.0]), Containment::Inside);
-        assert_eq!(classify([-3.0, -1.0, -1.0], [-2.0, 1.0, 1.0]), Containment::Outside);
-        assert_eq!(classify([10.0, 13.0, -1.0], [12.0, 15.0, 1.0]), Containment::Outside);
-        assert!(matches!(classify([10.0, 9.0, -1.0], [12.0, 15.0, 1.0]), Containment::Intersects(_)));
+        assert_eq!(
+            classify([10.0, -1.0, -1.0], [12.0, 1.0, 1.0]),
+            Containment::Inside
+        );
+        assert_eq!(
+            classify([-3.0, -1.0, -1.0], [-2.0, 1.0, 1.0]),
+            Containment::Outside
+        );
+        assert_eq!(
+            classify([10.0, 13.0, -1.0], [12.0, 15.0, 1.0]),
+            Containment::Outside
+        );
+        assert!(matches!(
+            classify([10.0, 9.0, -1.0], [12.0, 15.0, 1.0]),
+            Containment::Intersects(_)
+        ));
         // Around the eye, and on the far side of the world.
-        assert!(matches!(classify([-1.0; 3], [1.0; 3]), Containment::Intersects(_)));
-        assert_eq!(classify([1e12, 0.0, 0.0], [1e12 + 1.0, 1.0, 1.0]), Containment::Inside);
+        assert!(matches!(
+            classify([-1.0; 3], [1.0; 3]),
+            Containment::Intersects(_)
+        ));
+        assert_eq!(
+            classify([1e12, 0.0, 0.0], [1e12 + 1.0, 1.0, 1.0]),
+            Containment::Inside
+        );
     }
 
     #[test]
@@ -160,8 +192,14 @@ mod tests {
         let frustum = Frustum::new(&camera);
         let bounds = Aabb::new(dvec3(-900.0, -900.0, -900.0), dvec3(900.0, -1.0, 900.0)).unwrap();
         let sides = PlaneMask(SIDES | 1 << 4);
-        assert!(matches!(frustum.classify(&bounds, sides), Containment::Intersects(_)), "sides alone keep it");
-        assert_eq!(frustum.classify(&bounds, frustum.full_mask()), Containment::Outside);
+        assert!(
+            matches!(frustum.classify(&bounds, sides), Containment::Intersects(_)),
+            "sides alone keep it"
+        );
+        assert_eq!(
+            frustum.classify(&bounds, frustum.full_mask()),
+            Containment::Outside
+        );
     }
 
     #[test]
@@ -197,8 +235,14 @@ mod tests {
             }
         }
         assert!(hidden > 50_000, "{hidden}");
-        assert!(kept * 1000 < hidden, "{kept} of {hidden} kept; by the sides alone {kept_by_sides}");
-        assert!(kept_by_sides > kept, "support planes earn their place: {kept_by_sides} against {kept}");
+        assert!(
+            kept * 1000 < hidden,
+            "{kept} of {hidden} kept; by the sides alone {kept_by_sides}"
+        );
+        assert!(
+            kept_by_sides > kept,
+            "support planes earn their place: {kept_by_sides} against {kept}"
+        );
     }
 
     proptest! {

@@ -1,1 +1,73 @@
-//! Placeholder.
+//! Scene graph, frustum culling and visibility order for paged terrain.
+//!
+//! Answers one question per frame: which trees does this camera see, and in which order does a ray meet them? It knows
+//! neither files nor a GPU; it takes values and gives values, in f64 and world metres, Z up.
+//!
+//! # Quick reference
+//!
+//! | item | what it is |
+//! |---|---|
+//! | [`Camera`] | the one camera value for culling and drawing; pixels to rays and back |
+//! | [`Aabb`] | box in world metres, half-open where a tree owns it |
+//! | [`SceneGraph`], [`SceneBuilder`] | groups nested over trees, one flat array, bounds computed bottom-up |
+//! | [`Visitor`] | a walk over all of it: printing, statistics, expiry |
+//! | [`Frustum`], [`PlaneMask`] | box against the view pyramid; children test only what their group straddles |
+//! | [`Culler`], [`CullResult`] | visible trees front to back, trees to prefetch, last-access frames |
+//! | [`precedence`] | which of two boxes must come first |
+//! | [`overlapping_pairs`] | trees that have no order, for checking a scene |
+//!
+//! ```
+//! use brickfell_culler::{Aabb, Camera, Culler, SceneGraph, TreeId};
+//! use glam::dvec3;
+//!
+//! let mut builder = SceneGraph::builder();
+//! let group = builder.add_group(None)?;
+//! for x in 0..4 {
+//!     let min = dvec3(f64::from(x) * 100.0, 0.0, 0.0);
+//!     builder.add_tree(Some(group), TreeId(x), Aabb::new(min, min + 100.0)?)?;
+//! }
+//! let scene = builder.finish();
+//! let camera = Camera::look_at(dvec3(250.0, -500.0, 50.0), dvec3(250.0, 0.0, 50.0), 20.0, 640, 480)?;
+//! let mut culler = Culler::new();
+//! let seen = culler.cull(&scene, &camera, 1);
+//! let order: Vec<u32> = seen.visible.iter().map(|tree| tree.tree.0).collect();
+//! assert_eq!(order, [2, 1, 3]);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Why not sort by distance
+//!
+//! Compositing front to back needs the order in which rays meet the trees, and distance is something else: a near
+//! corner of a long box can lie closer than a small box in front of it. Measured on neighbouring pairs, depth along the
+//! view axis misorders 4 % on a regular grid, and the distance of the centres 0.8 % where sizes are mixed. Here order
+//! is derived from planes that part the boxes (see [`precedence`]), which is exact, and a test proves it with rays.
+//! Two things have no exact order: trees that overlap, and trees that hide each other in a cycle as three crossed
+//! beams do. [`CullResult::order_exact`] then is false, and a caster that must be right lets each ray sort its trees.
+//!
+//! # Alternatives not taken
+//!
+//! - **Column order by cells** (`|dx| + |dy|` from the eye's cell) is exact and cheaper, but only on a regular grid;
+//!   hand-written scenes and columns of mixed sizes are none. Planes that part boxes contain it as a special case.
+//! - **A BSP tree built ahead** orders in linear time but cuts trees that no plane parts, and has to be rebuilt when
+//!   the scene changes. Nested groups already are most of one.
+//! - **Radix or merge sort by a key**: no key exists, since the relation is not a total preorder.
+//! - **Bounding spheres** are cheaper per test, but a column of terrain fills 1 % of its sphere.
+//! - **A near and a far plane**: nothing in the caster needs them, and their values were a source of errors.
+//! - **f32 relative to a floating origin**: a cull is microseconds; it is not worth a second coordinate system.
+
+mod bounds;
+mod camera;
+mod cull;
+mod frustum;
+mod order;
+mod scene;
+mod sort;
+#[cfg(test)]
+mod testing;
+
+pub use bounds::{Aabb, BoundsError};
+pub use camera::{Camera, CameraError};
+pub use cull::{CullResult, Culler, VisibleTree};
+pub use frustum::{Containment, Frustum, PlaneMask};
+pub use order::{Precedence, exact_precedence, never_aligned, overlapping_pairs, precedence};
+pub use scene::{Descend, GroupId, GroupInfo, SceneBuilder, SceneError, SceneGraph, TreeId, Visitor};

@@ -111,9 +111,16 @@ impl SceneBuilder {
     ///
     /// # Errors
     /// [`SceneError`] naming the tree if its box or id is bad, or if the group is unknown.
-    pub fn add_tree(&mut self, parent: Option<GroupId>, tree: TreeId, bounds: Aabb) -> Result<(), SceneError> {
+    pub fn add_tree(
+        &mut self,
+        parent: Option<GroupId>,
+        tree: TreeId,
+        bounds: Aabb,
+    ) -> Result<(), SceneError> {
         let parent = self.parent(parent)?;
-        bounds.validate().map_err(|source| SceneError::Bounds { tree, parent, source })?;
+        bounds
+            .validate()
+            .map_err(|source| SceneError::Bounds { tree, parent, source })?;
         if tree.0 >= TreeId::LIMIT {
             return Err(SceneError::TreeIdTooLarge(tree));
         }
@@ -127,10 +134,17 @@ impl SceneBuilder {
     /// Lays the nodes out and computes each group's bounds and whether its children are pairwise disjoint.
     pub fn finish(self) -> SceneGraph {
         let group = |id: GroupId| Node {
-            bounds: Aabb { min: DVec3::ZERO, max: DVec3::ZERO },
+            bounds: Aabb {
+                min: DVec3::ZERO,
+                max: DVec3::ZERO,
+            },
             id: id.0,
             empty: true,
-            kind: NodeKind::Group { first: 0, count: 0, disjoint: true },
+            kind: NodeKind::Group {
+                first: 0,
+                count: 0,
+                disjoint: true,
+            },
         };
         let mut nodes = vec![group(GroupId::ROOT)];
         let mut at = 0;
@@ -141,12 +155,19 @@ impl SceneBuilder {
                 let children = &self.children[node.id as usize];
                 nodes.extend(children.iter().map(|child| match *child {
                     Child::Group(id) => group(id),
-                    Child::Tree(id, bounds) => {
-                        Node { bounds, id: id.0, empty: bounds.is_empty(), kind: NodeKind::Tree }
-                    }
+                    Child::Tree(id, bounds) => Node {
+                        bounds,
+                        id: id.0,
+                        empty: bounds.is_empty(),
+                        kind: NodeKind::Tree,
+                    },
                 }));
                 let count = children.len() as u32;
-                nodes[at].kind = NodeKind::Group { first, count, disjoint: true };
+                nodes[at].kind = NodeKind::Group {
+                    first,
+                    count,
+                    disjoint: true,
+                };
             }
             at += 1;
         }
@@ -160,7 +181,11 @@ impl SceneBuilder {
                     disjoint = false;
                     false
                 });
-                nodes[at].kind = NodeKind::Group { first, count, disjoint };
+                nodes[at].kind = NodeKind::Group {
+                    first,
+                    count,
+                    disjoint,
+                };
                 if let Some(bounds) = boxes.into_iter().reduce(|a, b| a.union(&b)) {
                     nodes[at].bounds = bounds;
                     nodes[at].empty = false;
@@ -168,7 +193,11 @@ impl SceneBuilder {
             }
         }
         let tree_id_limit = self.trees.iter().map(|tree| tree.0 + 1).max().unwrap_or(0);
-        SceneGraph { nodes, tree_count: self.trees.len(), tree_id_limit }
+        SceneGraph {
+            nodes,
+            tree_count: self.trees.len(),
+            tree_id_limit,
+        }
     }
 
     fn parent(&self, parent: Option<GroupId>) -> Result<GroupId, SceneError> {
@@ -229,7 +258,11 @@ pub trait Visitor {
 impl SceneGraph {
     /// An empty builder.
     pub fn builder() -> SceneBuilder {
-        SceneBuilder { parents: vec![GroupId::ROOT], children: vec![Vec::new()], trees: HashSet::new() }
+        SceneBuilder {
+            parents: vec![GroupId::ROOT],
+            children: vec![Vec::new()],
+            trees: HashSet::new(),
+        }
     }
 
     /// Number of trees, those with empty boxes included.
@@ -254,7 +287,10 @@ impl SceneGraph {
 
     /// The box around all trees; `None` if no tree holds a point.
     pub fn bounds(&self) -> Option<Aabb> {
-        self.nodes.first().filter(|root| !root.empty).map(|root| root.bounds)
+        self.nodes
+            .first()
+            .filter(|root| !root.empty)
+            .map(|root| root.bounds)
     }
 
     /// All trees with their boxes, level by level of the nesting.
@@ -272,7 +308,11 @@ impl SceneGraph {
             let node = &self.nodes[at];
             match node.kind {
                 NodeKind::Tree => visitor.visit_tree(TreeId(node.id), &node.bounds),
-                NodeKind::Group { first, count, disjoint } => {
+                NodeKind::Group {
+                    first,
+                    count,
+                    disjoint,
+                } => {
                     let info = GroupInfo {
                         id: GroupId(node.id),
                         bounds: (!node.empty).then_some(node.bounds),
@@ -281,7 +321,11 @@ impl SceneGraph {
                         children_disjoint: disjoint,
                     };
                     if visitor.enter_group(&info) == Descend::Yes {
-                        stack.extend((first..first + count).rev().map(|child| (child as usize, depth + 1)));
+                        stack.extend(
+                            (first..first + count)
+                                .rev()
+                                .map(|child| (child as usize, depth + 1)),
+                        );
                     }
                 }
             }
@@ -312,8 +356,13 @@ mod tests {
     impl Visitor for Log {
         fn enter_group(&mut self, group: &GroupInfo) -> Descend {
             let (id, depth, disjoint) = (group.id.0, group.depth, group.children_disjoint);
-            self.lines.push(format!("g{id} d{depth} n{} {disjoint}", group.children));
-            if self.skip == Some(group.id) { Descend::No } else { Descend::Yes }
+            self.lines
+                .push(format!("g{id} d{depth} n{} {disjoint}", group.children));
+            if self.skip == Some(group.id) {
+                Descend::No
+            } else {
+                Descend::Yes
+            }
         }
         fn visit_tree(&mut self, tree: TreeId, _: &Aabb) {
             self.lines.push(format!("t{}", tree.0));
@@ -338,32 +387,69 @@ mod tests {
         scene.accept(&mut log);
         assert_eq!(
             log.lines,
-            ["g0 d0 n2 true", "g1 d1 n2 true", "g2 d2 n2 false", "t7", "t3", "t2", "t1"]
+            [
+                "g0 d0 n2 true",
+                "g1 d1 n2 true",
+                "g2 d2 n2 false",
+                "t7",
+                "t3",
+                "t2",
+                "t1"
+            ]
         );
-        let mut log = Log { skip: Some(GroupId(2)), ..Log::default() };
+        let mut log = Log {
+            skip: Some(GroupId(2)),
+            ..Log::default()
+        };
         scene.accept(&mut log);
         assert_eq!(log.lines[3..], ["t2", "t1"]);
-        assert_eq!((scene.len(), scene.group_count(), scene.tree_id_limit()), (4, 3, 8));
+        assert_eq!(
+            (scene.len(), scene.group_count(), scene.tree_id_limit()),
+            (4, 3, 8)
+        );
         assert_eq!(scene.trees().count(), 4);
         let bounds = scene.bounds().unwrap();
-        assert_eq!((bounds.min, bounds.max), (dvec3(0.0, 0.0, -2.0), dvec3(10.0, 6.0, 1.0)));
+        assert_eq!(
+            (bounds.min, bounds.max),
+            (dvec3(0.0, 0.0, -2.0), dvec3(10.0, 6.0, 1.0))
+        );
     }
 
     #[test]
     fn bad_nodes_are_named_and_leave_the_builder_usable() {
         let mut builder = SceneGraph::builder();
         let group = builder.add_group(None).unwrap();
-        let nan = Aabb { min: dvec3(0.0, f64::NAN, 0.0), max: DVec3::ONE };
+        let nan = Aabb {
+            min: dvec3(0.0, f64::NAN, 0.0),
+            max: DVec3::ONE,
+        };
         let error = builder.add_tree(Some(group), TreeId(42), nan).unwrap_err();
-        assert!(error.to_string().starts_with("tree 42 in group 1: bounds are not finite"), "{error}");
-        let inverted = Aabb { min: DVec3::ONE, max: DVec3::ZERO };
-        assert!(matches!(builder.add_tree(None, TreeId(42), inverted), Err(SceneError::Bounds { .. })));
+        assert!(
+            error
+                .to_string()
+                .starts_with("tree 42 in group 1: bounds are not finite"),
+            "{error}"
+        );
+        let inverted = Aabb {
+            min: DVec3::ONE,
+            max: DVec3::ZERO,
+        };
+        assert!(matches!(
+            builder.add_tree(None, TreeId(42), inverted),
+            Err(SceneError::Bounds { .. })
+        ));
         builder.add_tree(None, TreeId(42), cube(0.0, 0.0, 0.0)).unwrap();
         let twice = builder.add_tree(None, TreeId(42), cube(3.0, 0.0, 0.0));
         assert_eq!(twice, Err(SceneError::DuplicateTree(TreeId(42))));
         let far = TreeId(TreeId::LIMIT);
-        assert_eq!(builder.add_tree(None, far, cube(3.0, 0.0, 0.0)), Err(SceneError::TreeIdTooLarge(far)));
-        assert_eq!(builder.add_group(Some(GroupId(9))), Err(SceneError::UnknownGroup(GroupId(9))));
+        assert_eq!(
+            builder.add_tree(None, far, cube(3.0, 0.0, 0.0)),
+            Err(SceneError::TreeIdTooLarge(far))
+        );
+        assert_eq!(
+            builder.add_group(Some(GroupId(9))),
+            Err(SceneError::UnknownGroup(GroupId(9)))
+        );
         assert_eq!(builder.finish().len(), 1);
     }
 

@@ -32,7 +32,11 @@ impl Random {
 
     /// Uniform in the cube of half edge `reach`.
     pub(crate) fn point(&mut self, reach: f64) -> DVec3 {
-        dvec3(self.unit() * 2.0 - 1.0, self.unit() * 2.0 - 1.0, self.unit() * 2.0 - 1.0) * reach
+        dvec3(
+            self.unit() * 2.0 - 1.0,
+            self.unit() * 2.0 - 1.0,
+            self.unit() * 2.0 - 1.0,
+        ) * reach
     }
 
     /// Edge lengths between the two, each axis on its own.
@@ -56,7 +60,14 @@ impl Random {
 pub(crate) fn random_camera(random: &mut Random, reach: f64) -> Camera {
     let eye = random.point(reach);
     let direction = if random.below(8) == 0 {
-        [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z][random.below(6)]
+        [
+            DVec3::X,
+            DVec3::NEG_X,
+            DVec3::Y,
+            DVec3::NEG_Y,
+            DVec3::Z,
+            DVec3::NEG_Z,
+        ][random.below(6)]
     } else {
         random.direction()
     };
