@@ -84,7 +84,10 @@ pub struct BrickIndex {
 }
 
 fn u32_at(bytes: &[u8], offset: usize) -> u32 {
-    bytes.get(offset..offset + 4).and_then(|b| b.try_into().ok()).map_or(0, u32::from_le_bytes)
+    bytes
+        .get(offset..offset + 4)
+        .and_then(|b| b.try_into().ok())
+        .map_or(0, u32::from_le_bytes)
 }
 
 fn u64_at(bytes: &[u8], offset: usize) -> u64 {
@@ -101,10 +104,16 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<BrickHeader, FormatE
     }
     let version = u32_at(bytes, 8);
     if version != VERSION {
-        return Err(FormatError::at(8, format!("brick file version {version} is unknown (this reads {VERSION})")));
+        return Err(FormatError::at(
+            8,
+            format!("brick file version {version} is unknown (this reads {VERSION})"),
+        ));
     }
     if crc32fast::hash(&bytes[..60]) != u32_at(bytes, 60) {
-        return Err(FormatError::at(60, "header checksum does not match: the file is damaged"));
+        return Err(FormatError::at(
+            60,
+            "header checksum does not match: the file is damaged",
+        ));
     }
     let unknown = |at: u64, what: &str, code: u8| FormatError::at(at, format!("{what} {code} is unknown"));
     if bytes[14] > 2 {
@@ -125,7 +134,10 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<BrickHeader, FormatE
     };
     let range = header.directory();
     if range.start < HEADER_BYTES as u64 || range.end != file_len {
-        return Err(FormatError::at(32, format!("the directory ends at byte {}, the file at {file_len}", range.end)));
+        return Err(FormatError::at(
+            32,
+            format!("the directory ends at byte {}, the file at {file_len}", range.end),
+        ));
     }
     Ok(header)
 }
@@ -147,7 +159,10 @@ impl BrickHeader {
             return Err(FormatError::at(at, "the directory is cut short"));
         }
         if crc32fast::hash(bytes) != self.directory_crc {
-            return Err(FormatError::at(at, "directory checksum does not match: the file is damaged"));
+            return Err(FormatError::at(
+                at,
+                "directory checksum does not match: the file is damaged",
+            ));
         }
         let mut chunks = Vec::with_capacity(self.chunks as usize);
         let (mut end, mut first_brick, mut last) = (HEADER_BYTES as u64, 0u32, None);
@@ -167,7 +182,10 @@ impl BrickHeader {
                 && entry.offset == end
                 && entry.offset + u64::from(entry.length) <= at;
             if !sound {
-                return Err(FormatError::at(at + (k * ENTRY_BYTES) as u64, "directory entry is not plausible"));
+                return Err(FormatError::at(
+                    at + (k * ENTRY_BYTES) as u64,
+                    "directory entry is not plausible",
+                ));
             }
             end += u64::from(entry.length);
             first_brick = first_brick.saturating_add(entry.mask.count_ones());
@@ -175,7 +193,10 @@ impl BrickHeader {
             chunks.push(entry);
         }
         if first_brick != self.bricks {
-            return Err(FormatError::at(24, format!("{} bricks declared, {first_brick} listed", self.bricks)));
+            return Err(FormatError::at(
+                24,
+                format!("{} bricks declared, {first_brick} listed", self.bricks),
+            ));
         }
         Ok(BrickIndex { header: self, chunks })
     }
@@ -184,7 +205,10 @@ impl BrickHeader {
 impl BrickIndex {
     /// The chunk that holds a brick of the level, and the brick's place among the chunk's bricks.
     pub fn locate(&self, brick: u32) -> Option<(u32, u32)> {
-        let chunk = self.chunks.partition_point(|c| c.first_brick <= brick).checked_sub(1)?;
+        let chunk = self
+            .chunks
+            .partition_point(|c| c.first_brick <= brick)
+            .checked_sub(1)?;
         let local = brick - self.chunks[chunk].first_brick;
         (local < self.chunks[chunk].mask.count_ones()).then_some((chunk as u32, local))
     }
@@ -203,7 +227,10 @@ impl BrickIndex {
             return Err(FormatError::file(format!("there is no chunk {chunk}")));
         };
         if bytes.len() != entry.length as usize {
-            return Err(FormatError::at(entry.offset, format!("chunk {chunk} is cut short")));
+            return Err(FormatError::at(
+                entry.offset,
+                format!("chunk {chunk} is cut short"),
+            ));
         }
         if crc32fast::hash(bytes) != entry.crc {
             return Err(FormatError::at(
@@ -255,13 +282,16 @@ impl BrickFileWriter {
         if self.last.is_some_and(|l| l >= code) {
             return Err(FormatError::file("chunks are not in Morton order"));
         }
-        let length = u32::try_from(payload.len()).map_err(|_| FormatError::file("a chunk is 4 GiB or more"))?;
+        let length =
+            u32::try_from(payload.len()).map_err(|_| FormatError::file("a chunk is 4 GiB or more"))?;
         self.last = Some(code);
         self.directory.extend_from_slice(&code.to_le_bytes());
         self.directory.extend_from_slice(&mask.to_le_bytes());
-        self.directory.extend_from_slice(&self.header.directory_offset.to_le_bytes());
+        self.directory
+            .extend_from_slice(&self.header.directory_offset.to_le_bytes());
         self.directory.extend_from_slice(&length.to_le_bytes());
-        self.directory.extend_from_slice(&crc32fast::hash(payload).to_le_bytes());
+        self.directory
+            .extend_from_slice(&crc32fast::hash(payload).to_le_bytes());
         self.header.directory_offset += u64::from(length);
         self.header.chunks += 1;
         self.header.bricks += mask.count_ones();

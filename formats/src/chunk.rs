@@ -68,7 +68,10 @@ impl Region {
             hi = hi.max(p + 1);
         }
         let hi = hi.max(lo);
-        Self { lo, size: (hi - lo) * BRICK_VOXELS + (layout.side() - BRICK_VOXELS) }
+        Self {
+            lo,
+            size: (hi - lo) * BRICK_VOXELS + (layout.side() - BRICK_VOXELS),
+        }
     }
 
     fn samples(&self) -> usize {
@@ -140,9 +143,7 @@ impl Chunk {
                         let to = column + region.depth(p, z);
                         let [r, g, b, a] = color[from];
                         let [nx, ny, nz, _] = normal[from];
-                        for (plane, v) in
-                            [r, g, b, a, nx as u8, ny as u8, nz as u8].into_iter().enumerate()
-                        {
+                        for (plane, v) in [r, g, b, a, nx as u8, ny as u8, nz as u8].into_iter().enumerate() {
                             planes[plane * n + to] = v;
                         }
                     }
@@ -209,10 +210,13 @@ impl Chunk {
                     for z in 0..side {
                         let from = column + region.depth(p, z);
                         let to = k * samples + ((z * side + y) * side + x) as usize;
-                        chunk.color[to] =
-                            [plane[0][from], plane[1][from], plane[2][from], plane[3][from]];
-                        chunk.normal[to] =
-                            [plane[4][from] as i8, plane[5][from] as i8, plane[6][from] as i8, 0];
+                        chunk.color[to] = [plane[0][from], plane[1][from], plane[2][from], plane[3][from]];
+                        chunk.normal[to] = [
+                            plane[4][from] as i8,
+                            plane[5][from] as i8,
+                            plane[6][from] as i8,
+                            0,
+                        ];
                     }
                 }
             }

@@ -41,16 +41,25 @@ pub struct FormatError {
 impl FormatError {
     /// An error at a byte offset.
     pub fn at(offset: u64, message: impl Into<String>) -> Self {
-        Self { place: Place::Offset(offset), message: message.into() }
+        Self {
+            place: Place::Offset(offset),
+            message: message.into(),
+        }
     }
 
     /// An error of the file as a whole.
     pub fn file(message: impl Into<String>) -> Self {
-        Self { place: Place::File, message: message.into() }
+        Self {
+            place: Place::File,
+            message: message.into(),
+        }
     }
 
     /// An error at a line and column, both from 1.
     pub fn line(line: u32, column: u32, message: impl Into<String>) -> Self {
-        Self { place: Place::Line { line, column }, message: message.into() }
+        Self {
+            place: Place::Line { line, column },
+            message: message.into(),
+        }
     }
 }

@@ -26,5 +26,6 @@ pub mod octree_binary;
 pub mod octree_xml;
 pub mod scene;
 pub mod value;
+mod xml;
 
 pub use error::{FormatError, Place};

@@ -8,6 +8,7 @@ use glam::{DVec3, UVec3};
 
 use crate::error::FormatError;
 use crate::layout::{BRICK_VOXELS, SampleLayout};
+use crate::{octree_binary, octree_xml};
 
 /// The deepest level a tree may have: 8·2²⁰ voxels per axis.
 pub const MAX_DEPTH: u8 = 20;
@@ -58,16 +59,28 @@ impl TreeHeader {
     /// Checks the ranges that everything else relies on.
     pub fn validate(&self) -> Result<(), FormatError> {
         if !self.origin.is_finite() || self.origin.abs().max_element() > 1e15 {
-            return Err(FormatError::file(format!("origin {} is not a usable position", self.origin)));
+            return Err(FormatError::file(format!(
+                "origin {} is not a usable position",
+                self.origin
+            )));
         }
         if !(self.voxel_size.is_finite() && (1e-9..=1e9).contains(&self.voxel_size)) {
-            return Err(FormatError::file(format!("voxel size {} is not usable", self.voxel_size)));
+            return Err(FormatError::file(format!(
+                "voxel size {} is not usable",
+                self.voxel_size
+            )));
         }
         if self.depth > MAX_DEPTH {
-            return Err(FormatError::file(format!("depth {} is above {MAX_DEPTH}", self.depth)));
+            return Err(FormatError::file(format!(
+                "depth {} is above {MAX_DEPTH}",
+                self.depth
+            )));
         }
         if !(1..=2).contains(&self.gain) {
-            return Err(FormatError::file(format!("opacity gain {} is unknown (1 or 2)", self.gain)));
+            return Err(FormatError::file(format!(
+                "opacity gain {} is unknown (1 or 2)",
+                self.gain
+            )));
         }
         let [lo, hi] = self.surface_bounds.map(|p| p.as_u64vec3());
         if lo.cmpgt(hi).any() || hi.max_element() > self.side_voxels() {
@@ -109,7 +122,10 @@ impl Node {
             NodeData::Constant(color) => (0, u32::from_le_bytes(color)),
             NodeData::Brick(index) => (BRICK, index),
         };
-        Self { structure: kind | children.map_or(TERMINAL, |tile| tile & (BRICK - 1)), data }
+        Self {
+            structure: kind | children.map_or(TERMINAL, |tile| tile & (BRICK - 1)),
+            data,
+        }
     }
 
     /// A terminal node of one colour.
@@ -144,7 +160,9 @@ pub struct Octree {
 impl Octree {
     /// Number of bricks of a level.
     pub fn brick_count(&self, level: u8) -> u32 {
-        self.levels.get(usize::from(level)).map_or(0, |nodes| count_bricks(nodes))
+        self.levels
+            .get(usize::from(level))
+            .map_or(0, |nodes| count_bricks(nodes))
     }
 
     /// Checks every invariant of the module.
@@ -174,6 +192,18 @@ impl Octree {
             positions = child_positions(nodes, &positions);
         }
         positions
+    }
+}
+
+/// Reads an octree file, binary or XML.
+///
+/// # Errors
+/// As [`crate::octree_binary::decode`] and [`crate::octree_xml::decode`].
+pub fn decode_any(bytes: &[u8]) -> Result<Octree, FormatError> {
+    if octree_binary::is_binary(bytes) {
+        octree_binary::decode(bytes)
+    } else {
+        octree_xml::decode(bytes)
     }
 }
 

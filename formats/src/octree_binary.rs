@@ -66,7 +66,10 @@ pub struct OctreeIndex {
 }
 
 fn u32_at(bytes: &[u8], offset: usize) -> u32 {
-    bytes.get(offset..offset + 4).and_then(|b| b.try_into().ok()).map_or(0, u32::from_le_bytes)
+    bytes
+        .get(offset..offset + 4)
+        .and_then(|b| b.try_into().ok())
+        .map_or(0, u32::from_le_bytes)
 }
 
 fn u64_at(bytes: &[u8], offset: usize) -> u64 {
@@ -140,7 +143,10 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatE
     }
     let version = u32_at(bytes, 8);
     if version != VERSION {
-        return Err(FormatError::at(8, format!("octree version {version} is unknown (this reads {VERSION})")));
+        return Err(FormatError::at(
+            8,
+            format!("octree version {version} is unknown (this reads {VERSION})"),
+        ));
     }
     let depth = bytes[12];
     if depth > MAX_DEPTH {
@@ -148,10 +154,16 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatE
     }
     let table_end = TABLE + ENTRY * (usize::from(depth) + 1);
     if bytes.len() < table_end {
-        return Err(FormatError::at(bytes.len() as u64, "the file ends inside its header"));
+        return Err(FormatError::at(
+            bytes.len() as u64,
+            "the file ends inside its header",
+        ));
     }
     if header_crc(bytes, table_end) != u32_at(bytes, 56) {
-        return Err(FormatError::at(56, "header checksum does not match: the file is damaged"));
+        return Err(FormatError::at(
+            56,
+            "header checksum does not match: the file is damaged",
+        ));
     }
     let layout = SampleLayout::from_code(bytes[13])
         .ok_or_else(|| FormatError::at(13, format!("sample layout {} is unknown", bytes[13])))?;
@@ -170,15 +182,28 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatE
     let mut expected = table_end.next_multiple_of(64) as u64;
     for level in 0..=usize::from(depth) {
         let at = TABLE + ENTRY * level;
-        let entry =
-            LevelEntry { offset: u64_at(bytes, at), nodes: u32_at(bytes, at + 8), crc: u32_at(bytes, at + 12) };
-        let plausible = if level == 0 { entry.nodes == 1 } else { entry.nodes % 8 == 0 };
+        let entry = LevelEntry {
+            offset: u64_at(bytes, at),
+            nodes: u32_at(bytes, at + 8),
+            crc: u32_at(bytes, at + 12),
+        };
+        let plausible = if level == 0 {
+            entry.nodes == 1
+        } else {
+            entry.nodes % 8 == 0
+        };
         if !plausible || entry.nodes / 8 >= MAX_TILES || entry.offset != expected {
-            return Err(FormatError::at(at as u64, format!("table entry of level {level} is not plausible")));
+            return Err(FormatError::at(
+                at as u64,
+                format!("table entry of level {level} is not plausible"),
+            ));
         }
         expected += entry.bytes();
         if expected > file_len {
-            return Err(FormatError::at(file_len, format!("the file ends inside level {level}")));
+            return Err(FormatError::at(
+                file_len,
+                format!("the file ends inside level {level}"),
+            ));
         }
         levels.push(entry);
     }
@@ -196,7 +221,10 @@ impl OctreeIndex {
             return Err(FormatError::file(format!("there is no level {level}")));
         };
         if bytes.len() as u64 != entry.bytes() {
-            return Err(FormatError::at(entry.offset, format!("level {level} is cut short")));
+            return Err(FormatError::at(
+                entry.offset,
+                format!("level {level} is cut short"),
+            ));
         }
         if crc32fast::hash(bytes) != entry.crc {
             return Err(FormatError::at(
@@ -207,14 +235,20 @@ impl OctreeIndex {
         let nodes: Vec<Node> = bytes
             .chunks_exact(8)
             .take(entry.nodes as usize)
-            .map(|b| Node { structure: u32_at(b, 0), data: u32_at(b, 4) })
+            .map(|b| Node {
+                structure: u32_at(b, 0),
+                data: u32_at(b, 4),
+            })
             .collect();
         let counts = check_level(&nodes, level, self.header.depth)?;
         let next = self.levels.get(usize::from(level) + 1).map_or(0, |e| e.nodes / 8);
         if counts.tiles != next {
             return Err(FormatError::at(
                 entry.offset,
-                format!("level {level} refers to {} tiles, the next level has {next}", counts.tiles),
+                format!(
+                    "level {level} refers to {} tiles, the next level has {next}",
+                    counts.tiles
+                ),
             ));
         }
         Ok(nodes)
@@ -236,5 +270,8 @@ pub fn decode(bytes: &[u8]) -> Result<Octree, FormatError> {
             index.decode_level(level as u8, bytes.get(range).unwrap_or_default())
         })
         .collect::<Result<_, _>>()?;
-    Ok(Octree { header: index.header, levels })
+    Ok(Octree {
+        header: index.header,
+        levels,
+    })
 }

@@ -61,7 +61,11 @@ static GUESS: LazyLock<[u8; 4097]> = LazyLock::new(|| {
 });
 
 fn srgb_decode(s: f64) -> f64 {
-    if s <= 0.04045 { s / 12.92 } else { ((s + 0.055) / 1.055).powf(2.4) }
+    if s <= 0.04045 {
+        s / 12.92
+    } else {
+        ((s + 0.055) / 1.055).powf(2.4)
+    }
 }
 
 /// Linear light (0..1) of an sRGB code.
@@ -93,9 +97,14 @@ impl Value {
         }
         let v = f32::from(a) / 255.0;
         let opacity = (v * f32::from(gain)).min(1.0);
-        let n = self.normal.map(|c| (c * opacity * 127.0).round().clamp(-127.0, 127.0) as i8);
+        let n = self
+            .normal
+            .map(|c| (c * opacity * 127.0).round().clamp(-127.0, 127.0) as i8);
         let [r, g, b] = self.rgb.map(|c| linear_to_srgb(c * v));
-        Stored { color: [r, g, b, a], normal: [n[0], n[1], n[2], 0] }
+        Stored {
+            color: [r, g, b, a],
+            normal: [n[0], n[1], n[2], 0],
+        }
     }
 }
 
@@ -132,13 +141,27 @@ mod tests {
                 })
                 .unwrap();
             let got = linear_to_srgb(x);
-            assert!(got.abs_diff(best) == 0 || (srgb_encode(f64::from(x)) * 255.0).fract() - 0.5 < 1e-4, "{x}");
+            assert!(
+                got.abs_diff(best) == 0 || (srgb_encode(f64::from(x)) * 255.0).fract() - 0.5 < 1e-4,
+                "{x}"
+            );
         }
-        assert_eq!((linear_to_srgb(f32::NAN), linear_to_srgb(-1.0), linear_to_srgb(9.0)), (0, 0, 255));
+        assert_eq!(
+            (
+                linear_to_srgb(f32::NAN),
+                linear_to_srgb(-1.0),
+                linear_to_srgb(9.0)
+            ),
+            (0, 0, 255)
+        );
     }
 
     fn srgb_encode(x: f64) -> f64 {
-        if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
+        if x <= 0.003_130_8 {
+            x * 12.92
+        } else {
+            1.055 * x.powf(1.0 / 2.4) - 0.055
+        }
     }
 
     #[test]
@@ -149,7 +172,11 @@ mod tests {
 
     #[test]
     fn storing_keeps_colour_and_normal_within_rounding() {
-        let value = Value { rgb: [0.2, 0.5, 0.9], alpha: 0.5, normal: [0.0, 0.6, 0.8] };
+        let value = Value {
+            rgb: [0.2, 0.5, 0.9],
+            alpha: 0.5,
+            normal: [0.0, 0.6, 0.8],
+        };
         let stored = value.store(BUILD_GAIN);
         let c = decode_color(stored.color);
         for (k, rgb) in value.rgb.iter().enumerate() {
@@ -157,6 +184,13 @@ mod tests {
         }
         let n = decode_normal(stored.normal);
         assert!((n[1] - 0.6).abs() < 0.005 && (n[2] - 0.8).abs() < 0.005);
-        assert_eq!(Value { alpha: 0.001, ..value }.store(BUILD_GAIN), Stored::default());
+        assert_eq!(
+            Value {
+                alpha: 0.001,
+                ..value
+            }
+            .store(BUILD_GAIN),
+            Stored::default()
+        );
     }
 }
