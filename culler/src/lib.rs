@@ -51,7 +51,7 @@
 //! - **A BSP tree built ahead** orders in linear time but cuts trees that no plane parts, and has to be rebuilt when
 //!   the scene changes. Nested groups already are most of one.
 //! - **Radix or merge sort by a key**: no key exists, since the relation is not a total preorder.
-//! - **Bounding spheres** are cheaper per test, but a column of terrain fills 1 % of its sphere.
+//! - **Bounding spheres** are cheaper per test, but a wide flat tree fills little of its sphere.
 //! - **A near and a far plane**: nothing in the caster needs them, and their values were a source of errors.
 //! - **f32 relative to a floating origin**: a cull is microseconds; it is not worth a second coordinate system.
 

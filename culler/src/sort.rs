@@ -3,8 +3,8 @@
 //! Few boxes: a topological sort over the constraints of [`precedence`], ties by distance, then by node. Many boxes:
 //! split by an axis plane that cuts none of them, the eye's side first, until few are left; a plane that parts two
 //! sets permits the order of all their pairs at once. If the constraints contradict each other, then in this order:
-//! drop those that no ray backs; replace the groups in the cycle by their children, since bounds of groups may overlap
-//! where their trees do not; break the cycle at its nearest tree and report that the order is not exact.
+//! drop those that no ray backs; replace the groups in the knot by their children, since bounds of groups may overlap
+//! where their trees do not; break the knot at its nearest tree and report that the order is not exact.
 //!
 //! Called by the culler on the render thread. Scratch is kept: no allocation once it has grown.
 
@@ -28,7 +28,7 @@ pub(crate) struct Item {
 
 /// Up to here comparing all pairs is cheaper than looking for a plane.
 const FEW: usize = 16;
-/// Up to here unbacked constraints are searched for, at about a microsecond per pair.
+/// Up to here unbacked constraints are searched for, which costs several times as much per pair.
 const REFINABLE: usize = 128;
 /// From here on boxes that no plane parts are sorted by distance, so that a frame stays a frame.
 const TOO_MANY: usize = 2048;
@@ -38,6 +38,9 @@ pub(crate) fn by_distance(a: &Item, b: &Item) -> Ordering {
     a.distance.total_cmp(&b.distance).then(a.node.cmp(&b.node))
 }
 
+/// How two boxes are compared.
+type Relation = fn(&Aabb, &Aabb, DVec3) -> Precedence;
+
 /// The sort's scratch memory.
 #[derive(Debug, Default)]
 pub(crate) struct Sorter {
@@ -45,8 +48,10 @@ pub(crate) struct Sorter {
     starts: Vec<usize>,
     /// For each item of the last stretch, how many items have to precede it.
     blockers: Vec<u32>,
-    /// The way back along the constraints, for finding a cycle.
-    trail: Vec<usize>,
+    /// Items that have to precede each other in a circle.
+    knot: Vec<usize>,
+    /// For each item of the last stretch, whether a search has come by.
+    reached: Vec<bool>,
 }
 
 impl Sorter {
@@ -91,7 +96,7 @@ impl Sorter {
         expand: &mut impl FnMut(&Item, &mut Vec<Item>) -> bool,
         exact: &mut bool,
     ) -> Progress {
-        let mut relation: fn(&Aabb, &Aabb, DVec3) -> Precedence = precedence;
+        let mut relation: Relation = precedence;
         let mut refined = false;
         self.count_blockers(&items[start..], eye, relation);
         while items.len() > start {
@@ -108,14 +113,14 @@ impl Sorter {
                     continue;
                 }
                 None => {
-                    self.find_cycle(rest, eye, relation);
-                    if expand_all(items, start, &mut self.trail, expand) {
+                    self.find_knot(rest, eye, relation);
+                    if expand_all(items, start, &mut self.knot, expand) {
                         return Progress::Expanded;
                     }
                     *exact = false;
                     let rest = &items[start..];
                     let nearest = self
-                        .trail
+                        .knot
                         .iter()
                         .copied()
                         .min_by(|&i, &j| by_distance(&rest[i], &rest[j]));
@@ -135,7 +140,7 @@ impl Sorter {
         Progress::Done
     }
 
-    fn count_blockers(&mut self, rest: &[Item], eye: DVec3, relation: fn(&Aabb, &Aabb, DVec3) -> Precedence) {
+    fn count_blockers(&mut self, rest: &[Item], eye: DVec3, relation: Relation) {
         self.blockers.clear();
         self.blockers.resize(rest.len(), 0);
         for (i, a) in rest.iter().enumerate() {
@@ -147,35 +152,50 @@ impl Sorter {
         }
     }
 
-    /// Leaves in `trail` the indices of a cycle of constraints. Every item must be blocked, so walking from an item to
-    /// one of its blockers again and again has to come back somewhere.
-    fn find_cycle(&mut self, rest: &[Item], eye: DVec3, relation: fn(&Aabb, &Aabb, DVec3) -> Precedence) {
-        self.trail.clear();
+    /// Leaves in `knot` the indices of items that all have to precede each other, directly or in a circle, and that
+    /// nothing else has to precede. Every item must be blocked, so there is such a set.
+    ///
+    /// Whatever is reached forward from an item is dropped as a beginning; the last beginning left is not reached from
+    /// any other, so all that leads to it also follows from it.
+    fn find_knot(&mut self, rest: &[Item], eye: DVec3, relation: Relation) {
+        let before = |i: usize, j: usize| {
+            let order = relation(&rest[i].bounds, &rest[j].bounds, eye);
+            matches!(order, Precedence::First | Precedence::Conflict)
+        };
+        let mut beginning = 0;
+        self.reached.clear();
+        self.reached.resize(rest.len(), false);
+        for from in 0..rest.len() {
+            if !self.reached[from] {
+                beginning = from;
+                self.flood(from, before);
+            }
+        }
+        self.reached.fill(false);
+        self.flood(beginning, |i, j| before(j, i));
+    }
+
+    /// Leaves in `knot` the items newly reached from `from`, itself included.
+    fn flood(&mut self, from: usize, leads: impl Fn(usize, usize) -> bool) {
+        self.knot.clear();
+        self.knot.push(from);
+        self.reached[from] = true;
         let mut at = 0;
-        loop {
-            if let Some(begin) = self.trail.iter().position(|&seen| seen == at) {
-                self.trail.drain(..begin);
-                return;
+        while let Some(&item) = self.knot.get(at) {
+            for other in 0..self.reached.len() {
+                if !self.reached[other] && leads(item, other) {
+                    self.reached[other] = true;
+                    self.knot.push(other);
+                }
             }
-            self.trail.push(at);
-            let blocker = (0..rest.len()).find(|&other| {
-                other != at
-                    && matches!(
-                        relation(&rest[other].bounds, &rest[at].bounds, eye),
-                        Precedence::First | Precedence::Conflict
-                    )
-            });
-            match blocker {
-                Some(blocker) => at = blocker,
-                None => return,
-            }
+            at += 1;
         }
     }
 
     /// Elements that fit without another allocation.
     #[cfg(test)]
     pub(crate) fn capacity(&self) -> usize {
-        self.starts.capacity() + self.blockers.capacity() + self.trail.capacity()
+        self.starts.capacity() + self.blockers.capacity() + self.knot.capacity() + self.reached.capacity()
     }
 }
 
