@@ -1,0 +1,142 @@
+//! The Rust types that share their layout with the WGSL. Sizes are asserted here, offsets are compared with the parsed
+//! shaders by a test.
+
+use bytemuck::{Pod, Zeroable};
+
+/// What every kernel of a frame is told; `Frame` in `frame.wgsl`.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Frame {
+    /// Pixels of the picture.
+    pub size: [u32; 2],
+    /// Trees in the list, front to back.
+    pub tree_count: u32,
+    /// Number of the frame, never 0: the stamp that used slots get.
+    pub frame: u32,
+    /// Tan-space screen coordinates of pixel (0, 0)'s centre.
+    pub screen_origin: [f32; 2],
+    /// Step of the screen coordinates to the next pixel.
+    pub screen_step: [f32; 2],
+    /// Camera axis, world; w unused.
+    pub forward: [f32; 4],
+    /// Camera axis, world; w unused.
+    pub right: [f32; 4],
+    /// Camera axis, world; w unused.
+    pub up: [f32; 4],
+    /// Unit vector towards the sun; w: ambient light.
+    pub sun: [f32; 4],
+    /// Light of a surface that faces the sun.
+    pub diffuse: f32,
+    /// Footprint of a pixel per metre of depth, times 2^bias.
+    pub footprint: f32,
+    /// 1: mix the two levels around the wanted one.
+    pub mix_levels: u32,
+    /// Samples of a brick slot per axis.
+    pub brick_side: u32,
+    /// Brick slots per axis of the brick pool; w unused.
+    pub slots: [u32; 4],
+    /// 1 / texels of the brick pool per axis; w unused.
+    pub texel: [f32; 4],
+    /// Brick slots in the pool.
+    pub brick_slots: u32,
+    /// Node tiles in the pool.
+    pub node_tiles: u32,
+    /// Requests that fit the compacted list.
+    pub request_capacity: u32,
+    /// Unused.
+    pub pad: u32,
+}
+
+/// A tree in the list; `Tree` in `frame.wgsl`.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Tree {
+    /// Position of the central ray at `depth0`, in finest voxels of the tree.
+    pub base: [f32; 3],
+    /// Depth along the camera's forward axis where the tree begins, metres.
+    pub depth0: f32,
+    /// Change of the position at `depth0` per unit of the horizontal screen coordinate.
+    pub base_x: [f32; 3],
+    /// 1 / finest voxel, per metre.
+    pub inv_voxel: f32,
+    /// Change of the position at `depth0` per unit of the vertical screen coordinate.
+    pub base_y: [f32; 3],
+    /// log2 of the root brick's voxel, metres.
+    pub log2_root_voxel: f32,
+    /// Index of the root node in the node pool.
+    pub root: u32,
+    /// Deepest level.
+    pub depth: u32,
+    /// Opacity gain.
+    pub gain: f32,
+    /// Texel offset of the tree's sample layout.
+    pub texel_offset: f32,
+    /// Rim of constant nodes, in voxels of the node's own level.
+    pub rim: u32,
+    /// Unused.
+    pub pad: [u32; 3],
+}
+
+/// What the upload kernels are told; `Scatter` in `scatter.wgsl`.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Scatter {
+    /// Node words in the upload.
+    pub nodes: u32,
+    /// Bricks in the upload.
+    pub bricks: u32,
+    /// Samples of a brick per axis.
+    pub brick_side: u32,
+    /// Unused.
+    pub pad: u32,
+    /// Brick slots per axis; w unused.
+    pub slots: [u32; 4],
+}
+
+const _: () = assert!(size_of::<Frame>() == 160 && size_of::<Tree>() == 80 && size_of::<Scatter>() == 32);
+
+/// Bit of a node's first word: there is no data below.
+pub const TERMINAL: u32 = 1 << 31;
+/// Bit of a node's first word: the node has a brick.
+pub const BRICK: u32 = 1 << 30;
+
+/// Words of the counters at the head of the read-back.
+pub const COUNTER_WORDS: usize = 16;
+/// Counter: requests, those that did not fit the list counted too.
+pub const COUNTER_REQUESTS: usize = 0;
+/// Counter: rays that hit.
+pub const COUNTER_HITS: usize = 1;
+/// Counter: node reads of the rays that hit.
+pub const COUNTER_NODES: usize = 2;
+/// Counter: sample positions of the rays that hit.
+pub const COUNTER_SAMPLES: usize = 3;
+/// Counter: texture reads of the rays that hit.
+pub const COUNTER_READS: usize = 4;
+/// Counter: rays stopped by the step cap.
+pub const COUNTER_CAPPED: usize = 5;
+/// Counter: pixels that came out NaN or infinite.
+pub const COUNTER_NOT_FINITE: usize = 6;
+
+/// A request as the rays write it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Request {
+    /// Index of the tree in the frame's list.
+    pub tree: u32,
+    /// Wanted level.
+    pub level: u8,
+    /// Node at that level.
+    pub node: [u32; 3],
+}
+
+impl Request {
+    /// Unpacks the first three words of a compacted request; `None` if there is none in them.
+    pub fn unpack(words: [u32; 3]) -> Option<Self> {
+        let [a, b, c] = words;
+        let tree = (a & 0xffff).checked_sub(1)?;
+        Some(Self {
+            tree,
+            level: (a >> 16 & 31) as u8,
+            node: [b & 0xf_ffff, b >> 20 | (c & 0xff) << 12, c >> 8 & 0xf_ffff],
+        })
+    }
+}

@@ -1,0 +1,321 @@
+// The ray caster: one thread a pixel, all trees of the list in one dispatch, front to back.
+//
+// The rules of a ray are written down in docs/raycasting.md; the CPU reference follows the same rules with other code.
+// Positions inside a tree are in finest voxels; the cell a ray is in is an integer, so planes are crossed exactly.
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> trees: array<Tree>;
+@group(0) @binding(2) var<storage, read> nodes: array<vec2<u32>>;
+@group(0) @binding(3) var brick_color: texture_3d<f32>;
+@group(0) @binding(4) var brick_normal: texture_3d<f32>;
+@group(0) @binding(5) var linear_sampler: sampler;
+@group(0) @binding(6) var<storage, read_write> brick_stamps: array<atomic<u32>>;
+@group(0) @binding(7) var<storage, read_write> tile_stamps: array<atomic<u32>>;
+@group(0) @binding(8) var<storage, read_write> feedback: array<vec4<u32>>;
+@group(0) @binding(9) var output: texture_storage_2d<rgba32float, write>;
+
+const MAX_LEVELS: u32 = 21u;
+const FAR: f32 = 1e30;
+const SATURATED: f32 = 1.0 / 1024.0;
+
+// A ray's state across trees.
+var<private> rgb: vec3<f32>;
+var<private> transmittance: f32;
+var<private> request: vec3<u32>;
+var<private> node_reads: u32;
+var<private> samples: u32;
+var<private> texture_reads: u32;
+var<private> capped: bool;
+
+// Premultiplied colour and opacity.
+struct Light {
+    rgb: vec3<f32>,
+    a: f32,
+}
+
+fn composite(light: Light) {
+    rgb += transmittance * light.rgb;
+    transmittance *= 1.0 - light.a;
+    if (transmittance < SATURATED) {
+        rgb /= 1.0 - transmittance;
+        transmittance = 0.0;
+    }
+}
+
+// `s`: length of the path in voxels of the value's level.
+fn convert_constant(word: u32, gain: f32, s: f32) -> Light {
+    let stored = unpack4x8unorm(word);
+    if (stored.a == 0.0) {
+        return Light(vec3(0.0), 0.0);
+    }
+    let a = path_opacity(min(1.0, gain * stored.a), s);
+    let low = stored.rgb / 12.92;
+    let high = pow((stored.rgb + 0.055) / 1.055, vec3(2.4));
+    return Light(select(high, low, stored.rgb <= vec3(0.04045)) * (a / stored.a), a);
+}
+
+// `local`: position in the brick, voxels from its low corner.
+fn convert_brick(slot: u32, local: vec3<f32>, texel_offset: f32, gain: f32, s: f32) -> Light {
+    let cell = vec3(slot % frame.slots.x, slot / frame.slots.x % frame.slots.y, slot / (frame.slots.x * frame.slots.y));
+    // Rounded before the slot's offset is added: a brick gives the same bits in every slot.
+    let rounded = floor(local * 256.0 + 0.5) / 256.0;
+    let uvw = (vec3<f32>(cell * frame.brick_side) + (rounded + texel_offset)) * frame.texel.xyz;
+    let stored = textureSampleLevel(brick_color, linear_sampler, uvw, 0.0);
+    texture_reads += 1u;
+    if (stored.a <= 0.0) {
+        return Light(vec3(0.0), 0.0);
+    }
+    texture_reads += 1u;
+    let n = textureSampleLevel(brick_normal, linear_sampler, uvw, 0.0).xyz;
+    let opacity = min(1.0, gain * stored.a);
+    let a = path_opacity(opacity, s);
+    return Light(stored.rgb * (a / stored.a * sun_light(n, opacity)), a);
+}
+
+fn convert(word: vec2<u32>, local: vec3<f32>, texel_offset: f32, gain: f32, s: f32) -> Light {
+    if ((word.x & BRICK) == 0u) {
+        return convert_constant(word.y, gain, s);
+    }
+    return convert_brick(word.y - 1u, local, texel_offset, gain, s);
+}
+
+// The node shows something of its own: a constant, or a brick that is resident.
+fn has_data(word: vec2<u32>) -> bool {
+    return (word.x & BRICK) == 0u || word.y != 0u;
+}
+
+fn read_node(index: u32) -> vec2<u32> {
+    node_reads += 1u;
+    return nodes[index];
+}
+
+fn stamp(index: u32, word: vec2<u32>) {
+    atomicStore(&tile_stamps[index >> 3u], frame.frame);
+    if ((word.x & BRICK) != 0u && word.y != 0u) {
+        atomicStore(&brick_stamps[word.y - 1u], frame.frame);
+    }
+}
+
+fn octant(cell: vec3<i32>, shift: u32) -> u32 {
+    let bits = vec3<u32>(cell >> vec3(shift)) & vec3(1u);
+    return bits.x | bits.y << 1u | bits.z << 2u;
+}
+
+fn ask(tree_index: u32, level: u32, cell: vec3<i32>, shift: u32) {
+    if (request.x == 0u) {
+        let p = vec3<u32>(cell >> vec3(shift));
+        request = vec3((tree_index + 1u) | level << 16u, p.x | p.y << 20u, p.y >> 12u | p.z << 8u);
+    }
+}
+
+fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: f32) {
+    let tree = trees[tree_index];
+    let origin = tree.base + screen.x * tree.base_x + screen.y * tree.base_y;
+    let d = direction * tree.inv_voxel;
+    let side = i32(8u << tree.depth);
+    let parallel = d == vec3(0.0);
+    let positive = d > vec3(0.0);
+    let inv = 1.0 / select(d, vec3(1.0), parallel);
+
+    // Half-open slabs; depths are relative to the tree's.
+    if (any(parallel & ((origin < vec3(0.0)) | (origin >= vec3(f32(side)))))) {
+        return;
+    }
+    let t_low = (vec3(0.0) - origin) * inv;
+    let t_high = (vec3(f32(side)) - origin) * inv;
+    let t_in = select(min(t_low, t_high), vec3(-FAR), parallel);
+    let t_out = select(max(t_low, t_high), vec3(FAR), parallel);
+    let enter = max(max(t_in.x, t_in.y), t_in.z);
+    var t = max(enter, -tree.depth0);
+    let leave = min(min(t_out.x, t_out.y), t_out.z);
+    if (!(t < leave)) {
+        return;
+    }
+
+    // The entry plane's cell is exact, the others are where the point lies.
+    var cell = clamp(vec3<i32>(floor(origin + d * t)), vec3(0), vec3(side - 1));
+    cell = select(cell, select(vec3(side - 1), vec3(0), positive), (t_in == vec3(t)) & !parallel);
+
+    var stack: array<u32, MAX_LEVELS>;
+    stack[0] = tree.root;
+    var stacked = 0u;       // deepest level on the stack that holds the current cell
+    var reached = 0u;       // deepest level of the last descent
+    var level = 0u;         // of the node in hand
+    var word = vec2(0u);    // of the node in hand
+    var parent = vec2(0u);  // of its parent
+    var wanted = MAX_LEVELS; // level asked for at the last descent
+    var alone = true;       // the node is used without its parent
+    let deepest = f32(tree.depth);
+    let log2_footprint = tree.log2_root_voxel - log2(frame.footprint);
+    let max_steps = 64u + 4u * u32(side);
+
+    for (var step = 0u; ; step++) {
+        if (step >= max_steps) {
+            capped = true;
+            return;
+        }
+        // The wanted level, fractional, and the two levels around it.
+        let lambda = clamp(log2_footprint - log2(max(tree.depth0 + t, 1e-30)), 0.0, deepest);
+        var fine = u32(ceil(lambda));
+        var weight = select(lambda - (f32(fine) - 1.0), 1.0, fine == 0u);
+        if (frame.mix_levels == 0u) {
+            fine = u32(floor(lambda + 0.5));
+            weight = 1.0;
+        }
+
+        if (fine != wanted || stacked < reached) {
+            // Descend from the common ancestor.
+            wanted = fine;
+            level = min(stacked, fine);
+            word = read_node(stack[level]);
+            while (level < fine && (word.x & POINTER) != 0u) {
+                level += 1u;
+                let index = (word.x & POINTER) * 8u + octant(cell, tree.depth + 3u - level);
+                stack[level] = index;
+                word = read_node(index);
+            }
+            stacked = level;
+            reached = level;
+            alone = level < fine || level == 0u;
+            if ((level < fine && (word.x & TERMINAL) == 0u) || !has_data(word)) {
+                ask(tree_index, fine, cell, tree.depth + 3u - fine);
+                alone = true;
+                while (level > 0u && !has_data(word)) {
+                    level -= 1u;
+                    word = read_node(stack[level]);
+                }
+                if (!has_data(word)) {
+                    return;
+                }
+            }
+            stamp(stack[level], word);
+            if (!alone) {
+                parent = read_node(stack[level - 1u]);
+                stamp(stack[level - 1u], parent);
+                if (!has_data(parent)) {
+                    alone = true;
+                }
+            }
+        }
+
+        // The box of the segment, in finest voxels: one voxel of the node's level, or where the value is constant more.
+        let single = alone || weight >= 1.0;
+        let voxel_shift = tree.depth - level;
+        let node_shift = voxel_shift + 3u;
+        let node_low = (cell >> vec3(node_shift)) << vec3(node_shift);
+        let is_constant = (word.x & BRICK) == 0u;
+        var low = (cell >> vec3(voxel_shift)) << vec3(voxel_shift);
+        var size = 1i << voxel_shift;
+        var closed = false;
+        if (is_constant) {
+            if (single) {
+                closed = true;
+            } else if ((parent.x & BRICK) == 0u) {
+                closed = (word.y | parent.y) >> 24u == 0u;
+            } else {
+                let rim = i32(tree.rim) << voxel_shift;
+                let inner = cell - node_low;
+                if (all(inner >= vec3(rim)) && all(inner < vec3((8i << voxel_shift) - rim))) {
+                    low = node_low + rim;
+                    size = (8i << voxel_shift) - 2i * rim;
+                    closed = true;
+                }
+            }
+            if (closed && (single || (parent.x & BRICK) == 0u)) {
+                low = node_low;
+                size = 8i << voxel_shift;
+            }
+        }
+
+        let plane = select(low, low + size, positive);
+        let t_plane = select((vec3<f32>(plane) - origin) * inv, vec3(FAR), parallel);
+        let t_cell = min(min(t_plane.x, t_plane.y), t_plane.z);
+        var t_next = max(min(t_cell, leave), t);
+        var crossed = (t_plane == vec3(t_cell)) & !parallel;
+        if (closed) {
+            // A closed form holds until another pair of levels is mixed.
+            let t_change = exp2(log2_footprint - f32(level) + select(1.0, 0.0, single)) - tree.depth0;
+            if (t_change > t && t_change < t_next) {
+                t_next = t_change;
+                crossed = vec3(false);
+            }
+        }
+
+        // One sample for the segment.
+        let ds = (t_next - t) * path_length;
+        if (ds > 0.0) {
+            let s = ds * tree.inv_voxel * exp2(-f32(voxel_shift));
+            if (closed) {
+                if (word.y >> 24u != 0u) {
+                    composite(convert_constant(word.y, tree.gain, s));
+                }
+            } else {
+                let p = origin + d * (0.5 * (t + t_next));
+                let scale = exp2(-f32(voxel_shift));
+                let local = clamp((p - vec3<f32>(node_low)) * scale, vec3(0.0), vec3(8.0));
+                samples += 1u;
+                var light = convert(word, local, tree.texel_offset, tree.gain, s);
+                if (!single) {
+                    let coarse_low = (node_low >> vec3(node_shift + 1u)) << vec3(node_shift + 1u);
+                    let coarse_local = clamp((p - vec3<f32>(coarse_low)) * (0.5 * scale), vec3(0.0), vec3(8.0));
+                    let coarse = convert(parent, coarse_local, tree.texel_offset, tree.gain, 0.5 * s);
+                    light.rgb = mix(coarse.rgb, light.rgb, weight);
+                    light.a = mix(coarse.a, light.a, weight);
+                }
+                if (light.a > 0.0) {
+                    composite(light);
+                }
+            }
+            if (transmittance == 0.0) {
+                return;
+            }
+        }
+
+        // Into the next cell.
+        if (t_next >= leave) {
+            return;
+        }
+        t = t_next;
+        let old = cell;
+        let inside = clamp(vec3<i32>(floor(origin + d * t)), low, low + vec3(size - 1));
+        cell = select(inside, select(low - 1, low + size, positive), crossed);
+        if (any(cell < vec3(0)) || any(cell >= vec3(side))) {
+            return;
+        }
+        let differs = (cell.x ^ old.x) | (cell.y ^ old.y) | (cell.z ^ old.z);
+        let shared_levels = tree.depth + 3u - select(firstLeadingBit(u32(differs)) + 1u, 0u, differs == 0);
+        stacked = min(stacked, shared_levels);
+    }
+}
+
+@compute @workgroup_size(8, 8)
+fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (any(id.xy >= frame.size)) {
+        return;
+    }
+    rgb = vec3(0.0);
+    transmittance = 1.0;
+    let screen = frame.screen_origin + frame.screen_step * vec2<f32>(id.xy);
+    let direction = frame.forward.xyz + screen.x * frame.right.xyz + screen.y * frame.up.xyz;
+    let path_length = length(direction);
+    for (var i = 0u; i < frame.tree_count; i++) {
+        march(i, screen, direction, path_length);
+        if (transmittance == 0.0) {
+            break;
+        }
+    }
+    var color = vec4(rgb, 1.0 - transmittance);
+    var flags = select(0u, FLAG_HIT, color.a > 0.0) | select(0u, FLAG_CAPPED, capped);
+    // Not-a-number is not below anything.
+    if (!all(abs(color) < vec4(1e6))) {
+        color = vec4(0.0);
+        flags |= FLAG_NOT_FINITE;
+    }
+    textureStore(output, id.xy, color);
+    let reads = min(texture_reads, 2047u) << 21u;
+    feedback[id.y * frame.size.x + id.x] = vec4(
+        request.x | reads,
+        request.yz,
+        min(node_reads, 16383u) | min(samples, 16383u) << 14u | flags,
+    );
+}

@@ -1,0 +1,77 @@
+// What every kernel of a frame is told. The Rust side is `layout.rs`; a test compares the two.
+
+struct Frame {
+    // Pixels of the picture.
+    size: vec2<u32>,
+    // Trees in the list, front to back.
+    tree_count: u32,
+    // Number of the frame, never 0: the stamp that used slots get.
+    frame: u32,
+    // Tan-space screen coordinates of pixel (0, 0)'s centre, and the step to the next pixel.
+    screen_origin: vec2<f32>,
+    screen_step: vec2<f32>,
+    // Camera axes, world; w unused.
+    forward: vec4<f32>,
+    right: vec4<f32>,
+    up: vec4<f32>,
+    // Unit vector towards the sun; w: ambient light.
+    sun: vec4<f32>,
+    // Light of a surface that faces the sun.
+    diffuse: f32,
+    // Footprint of a pixel per metre of depth, times 2^bias.
+    footprint: f32,
+    // 1: mix the two levels around the wanted one.
+    mix_levels: u32,
+    // Samples of a brick slot per axis.
+    brick_side: u32,
+    // Brick slots per axis of the brick pool; w: 1 / 256-rounding is on.
+    slots: vec4<u32>,
+    // 1 / texels of the brick pool per axis; w unused.
+    texel: vec4<f32>,
+    // Brick slots and node tiles in the pools, for the compaction.
+    brick_slots: u32,
+    node_tiles: u32,
+    // Requests that fit the compacted list.
+    request_capacity: u32,
+    pad: u32,
+}
+
+struct Tree {
+    // Position of the ray with screen coordinates (sx, sy) at depth `depth0`, in finest voxels of the tree:
+    // base + sx * base_x + sy * base_y.
+    base: vec3<f32>,
+    // Depth along the camera's forward axis where the tree begins, metres.
+    depth0: f32,
+    base_x: vec3<f32>,
+    // 1 / finest voxel, per metre.
+    inv_voxel: f32,
+    base_y: vec3<f32>,
+    // log2 of the root brick's voxel, metres.
+    log2_root_voxel: f32,
+    // Index of the root node in the node pool.
+    root: u32,
+    // Deepest level.
+    depth: u32,
+    // Opacity gain.
+    gain: f32,
+    // Texel offset of the tree's sample layout, and the rim of constant nodes in voxels of a node's own level.
+    texel_offset: f32,
+    rim: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
+}
+
+// Node words: x: bit 31 terminal, bit 30 brick, else the child tile (0: none resident); y: colour, or brick slot + 1 (0: not
+// resident).
+const TERMINAL: u32 = 0x80000000u;
+const BRICK: u32 = 0x40000000u;
+const POINTER: u32 = 0x3fffffffu;
+
+// What a pixel reports: xyz a request (0: none), w its counters.
+//   x: 1 + index of the tree in the list (16 bits) | level << 16 (5 bits) | texture reads << 21 (11 bits)
+//   y, z: node coordinates, 20 bits each: y = x | low 12 bits of y << 20, z = high 8 bits of y | z << 8
+//   w: node reads (14 bits) | sample positions << 14 (14 bits) | flags << 28
+const FLAG_HIT: u32 = 1u << 28u;
+const FLAG_CAPPED: u32 = 1u << 29u;
+const FLAG_NOT_FINITE: u32 = 1u << 30u;

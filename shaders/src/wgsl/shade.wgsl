@@ -1,0 +1,25 @@
+// Opacity of a path and light of a sample.
+
+// Opacity over `s` voxels of a medium with opacity `a` across one: 1 - (1 - a)^s, kept exact where a is small.
+fn path_opacity(a: f32, s: f32) -> f32 {
+    if (a >= 1.0) {
+        return 1.0;
+    }
+    if (a < 0.01) {
+        let tau = s * a * (1.0 + a * (0.5 + a * (1.0 / 3.0)));
+        if (tau < 0.02) {
+            return tau * (1.0 - tau * (0.5 - tau * (1.0 / 6.0)));
+        }
+    }
+    return 1.0 - exp2(s * log2(1.0 - a));
+}
+
+// Light on a sample with premultiplied mean normal `n` and opacity `a`: unlit where there is no normal.
+fn sun_light(n: vec3<f32>, a: f32) -> f32 {
+    let len = length(n);
+    if (len < 1e-6) {
+        return 1.0;
+    }
+    let lit = frame.sun.w + frame.diffuse * max(0.0, dot(n, frame.sun.xyz) / len);
+    return mix(1.0, lit, clamp(8.0 * len / max(a, 1e-6), 0.0, 1.0));
+}
