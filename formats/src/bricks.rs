@@ -21,10 +21,11 @@ use std::ops::Range;
 
 use glam::UVec3;
 
-use crate::chunk::{Chunk, Encoding};
+use crate::chunk::{Chunk, Encoding, MAX_CHUNK_SIDE};
 use crate::error::FormatError;
 use crate::layout::SampleLayout;
 use crate::morton;
+use crate::octree::MAX_DEPTH;
 
 /// First bytes of the file.
 pub const MAGIC: [u8; 8] = *b"BRKFBRK\0";
@@ -34,6 +35,11 @@ pub const VERSION: u32 = 1;
 pub const HEADER_BYTES: usize = 64;
 /// Bytes of a directory entry.
 pub const ENTRY_BYTES: usize = 32;
+
+/// Longest payload of a chunk. The largest chunk has 34³ samples of 7 bytes, and a compressor adds little to noise.
+pub const MAX_PAYLOAD: u32 = 1 << 19;
+
+const MAX_CHUNK_LOG2: u8 = MAX_CHUNK_SIDE.ilog2() as u8;
 
 const LAYERS: u8 = 0b11;
 
@@ -116,11 +122,18 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<BrickHeader, FormatE
         ));
     }
     let unknown = |at: u64, what: &str, code: u8| FormatError::at(at, format!("{what} {code} is unknown"));
-    if bytes[14] > 2 {
+    if bytes[12] > MAX_DEPTH {
+        return Err(unknown(12, "level", bytes[12]));
+    }
+    if bytes[14] > MAX_CHUNK_LOG2 {
         return Err(unknown(14, "chunk size", bytes[14]));
     }
     if bytes[15] != LAYERS {
         return Err(unknown(15, "layer set", bytes[15]));
+    }
+    // Whatever gives these bytes a meaning raises the version.
+    if bytes[17..20].iter().chain(&bytes[40..60]).any(|b| *b != 0) {
+        return Err(FormatError::at(17, "unused bytes are not zero"));
     }
     let header = BrickHeader {
         level: bytes[12],
@@ -143,6 +156,17 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<BrickHeader, FormatE
 }
 
 impl BrickHeader {
+    /// Whether a chunk at a Morton code with these bricks lies inside the level.
+    fn contains(&self, morton: u64, mask: u64) -> bool {
+        // Bits of Morton codes: of bricks in a chunk (a coarse level may be smaller than one), of chunks in the level.
+        let in_chunk = 3 * u32::from(self.chunk_log2.min(self.level));
+        let in_level = 3 * u32::from(self.level - self.chunk_log2.min(self.level));
+        self.level <= MAX_DEPTH
+            && mask != 0
+            && mask.checked_shr(1 << in_chunk).unwrap_or(0) == 0
+            && morton.checked_shr(in_level).unwrap_or(0) == 0
+    }
+
     /// Bytes of the directory in the file.
     pub fn directory(&self) -> Range<u64> {
         let len = u64::from(self.chunks) * ENTRY_BYTES as u64;
@@ -152,7 +176,7 @@ impl BrickHeader {
     /// Reads the directory (the bytes of [`Self::directory`]).
     ///
     /// # Errors
-    /// A bad checksum, chunks out of order, empty or outside the payload area, brick counts that do not add up.
+    /// A bad checksum, chunks out of order, empty, outside the level or the payload area, counts that do not add up.
     pub fn decode_directory(self, bytes: &[u8]) -> Result<BrickIndex, FormatError> {
         let at = self.directory_offset;
         if bytes.len() as u64 != u64::from(self.chunks) * ENTRY_BYTES as u64 {
@@ -166,7 +190,6 @@ impl BrickHeader {
         }
         let mut chunks = Vec::with_capacity(self.chunks as usize);
         let (mut end, mut first_brick, mut last) = (HEADER_BYTES as u64, 0u32, None);
-        let places = 1u64 << (3 * u32::from(self.chunk_log2));
         for (k, b) in bytes.chunks_exact(ENTRY_BYTES).enumerate() {
             let entry = ChunkEntry {
                 morton: u64_at(b, 0),
@@ -176,8 +199,8 @@ impl BrickHeader {
                 crc: u32_at(b, 28),
                 first_brick,
             };
-            let sound = entry.mask != 0
-                && (places == 64 || entry.mask >> places == 0)
+            let sound = self.contains(entry.morton, entry.mask)
+                && entry.length <= MAX_PAYLOAD
                 && last.is_none_or(|l| l < entry.morton)
                 && entry.offset == end
                 && entry.offset + u64::from(entry.length) <= at;
@@ -191,6 +214,12 @@ impl BrickHeader {
             first_brick = first_brick.saturating_add(entry.mask.count_ones());
             last = Some(entry.morton);
             chunks.push(entry);
+        }
+        if end != at {
+            return Err(FormatError::at(
+                end,
+                format!("the payloads end here, the directory begins at byte {at}"),
+            ));
         }
         if first_brick != self.bricks {
             return Err(FormatError::at(
@@ -245,8 +274,8 @@ impl BrickIndex {
 
 /// Collects the payloads of a level in Morton order and gives the file's parts.
 ///
-/// The payloads go to the writer as they come (`on_disk` bytes so far are counted here), the directory follows them, and
-/// the header, known last, is written to the file's first bytes.
+/// The caller writes the payloads as they come (their places are counted here), then the directory, and at last the
+/// header, known only then, over the file's first bytes.
 #[derive(Debug)]
 pub struct BrickFileWriter {
     header: BrickHeader,
@@ -255,13 +284,13 @@ pub struct BrickFileWriter {
 }
 
 impl BrickFileWriter {
-    /// A file of one level. Write [`HEADER_BYTES`] zeros first.
+    /// A file of one level with chunks of `1 << chunk_log2` bricks per axis (at most 4). Write [`HEADER_BYTES`] zeros first.
     pub fn new(level: u8, layout: SampleLayout, chunk_log2: u8, encoding: Encoding) -> Self {
         Self {
             header: BrickHeader {
                 level,
                 layout,
-                chunk_log2: chunk_log2.min(2),
+                chunk_log2: chunk_log2.min(MAX_CHUNK_LOG2),
                 encoding,
                 chunks: 0,
                 bricks: 0,
@@ -276,14 +305,34 @@ impl BrickFileWriter {
     /// Enters the next payload, to be written where the last one ended.
     ///
     /// # Errors
-    /// If the chunk does not follow the last one in Morton order, or is 4 GiB or more.
+    /// If the chunk does not follow the last one in Morton order, is empty or outside the level, or is longer than
+    /// [`MAX_PAYLOAD`].
     pub fn push(&mut self, position: UVec3, mask: u64, payload: &[u8]) -> Result<(), FormatError> {
         let code = morton::encode(position);
+        if morton::decode(code) != position || !self.header.contains(code, mask) {
+            return Err(FormatError::file(format!(
+                "chunk {position} with bricks {mask:#x} is empty or outside level {}",
+                self.header.level
+            )));
+        }
         if self.last.is_some_and(|l| l >= code) {
             return Err(FormatError::file("chunks are not in Morton order"));
         }
-        let length =
-            u32::try_from(payload.len()).map_err(|_| FormatError::file("a chunk is 4 GiB or more"))?;
+        let length = u32::try_from(payload.len()).unwrap_or(u32::MAX);
+        if length > MAX_PAYLOAD {
+            return Err(FormatError::file(format!(
+                "a chunk has {} bytes, above {MAX_PAYLOAD}",
+                payload.len()
+            )));
+        }
+        let counts = self
+            .header
+            .chunks
+            .checked_add(1)
+            .zip(self.header.bricks.checked_add(mask.count_ones()));
+        let Some((chunks, bricks)) = counts else {
+            return Err(FormatError::file("a level has more than 2^32 bricks"));
+        };
         self.last = Some(code);
         self.directory.extend_from_slice(&code.to_le_bytes());
         self.directory.extend_from_slice(&mask.to_le_bytes());
@@ -293,8 +342,7 @@ impl BrickFileWriter {
         self.directory
             .extend_from_slice(&crc32fast::hash(payload).to_le_bytes());
         self.header.directory_offset += u64::from(length);
-        self.header.chunks += 1;
-        self.header.bricks += mask.count_ones();
+        (self.header.chunks, self.header.bricks) = (chunks, bricks);
         Ok(())
     }
 

@@ -78,17 +78,23 @@ impl Region {
         (self.size.x * self.size.y * self.size.z) as usize
     }
 
-    /// Index in a plane of the brick's sample row at (y, z) of the brick at `p`. Columns run along z, top down, and are
-    /// the fastest axis; then x, then y.
-    fn column(&self, p: UVec3, x: u32, y: u32) -> usize {
-        let q = (p - self.lo) * BRICK_VOXELS;
-        (((q.y + y) * self.size.x + q.x + x) * self.size.z) as usize
-    }
-
-    /// Position in its column of the sample at height z of the brick at `p`.
-    fn depth(&self, p: UVec3, z: u32) -> usize {
-        let q = (p.z - self.lo.z) * BRICK_VOXELS;
-        (self.size.z - 1 - (q + z)) as usize
+    /// Calls with the index of each sample in the bricks and of its place in a plane. In a plane, columns run along z, top
+    /// down, and are the fastest axis; then x, then y.
+    fn for_each_sample(&self, mask: u64, layout: SampleLayout, mut call: impl FnMut(usize, usize)) {
+        let side = layout.side();
+        for (k, p) in brick_positions(mask).enumerate() {
+            let first = k * layout.samples();
+            let corner = (p - self.lo) * BRICK_VOXELS;
+            for y in 0..side {
+                for x in 0..side {
+                    let column = ((corner.y + y) * self.size.x + corner.x + x) * self.size.z;
+                    let top = column + self.size.z - 1 - corner.z;
+                    for z in 0..side {
+                        call(first + ((z * side + y) * side + x) as usize, (top - z) as usize);
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -120,35 +126,39 @@ impl Chunk {
         self.color.len() * 8 + size_of::<Self>()
     }
 
-    /// Codes the chunk. Samples that several bricks share must be equal in all of them (the last brick's are kept).
+    fn components(&self, sample: usize) -> [u8; PLANES] {
+        let ([r, g, b, a], [nx, ny, nz, _]) = (self.color[sample], self.normal[sample]);
+        [r, g, b, a, nx as u8, ny as u8, nz as u8]
+    }
+
+    /// Codes the chunk.
     ///
     /// # Errors
-    /// If the number of samples does not match the mask, or the compressor fails.
+    /// If the number of samples does not match the mask, bricks disagree about a sample that they share, or the
+    /// compressor fails.
     pub fn encode(&self, encoding: Encoding) -> Result<Vec<u8>, FormatError> {
-        let samples = self.layout.samples();
-        if self.color.len() != self.bricks() * samples || self.normal.len() != self.color.len() {
+        if self.color.len() != self.bricks() * self.layout.samples() || self.normal.len() != self.color.len()
+        {
             return Err(FormatError::file("a chunk's samples do not match its mask"));
         }
         let region = Region::new(self.mask, self.layout);
         let n = region.samples();
         let mut planes = vec![0u8; n * PLANES];
-        let side = self.layout.side();
-        for (k, p) in brick_positions(self.mask).enumerate() {
-            let (color, normal) = (self.brick_color(k), self.brick_normal(k));
-            for y in 0..side {
-                for x in 0..side {
-                    let column = region.column(p, x, y);
-                    for z in 0..side {
-                        let from = ((z * side + y) * side + x) as usize;
-                        let to = column + region.depth(p, z);
-                        let [r, g, b, a] = color[from];
-                        let [nx, ny, nz, _] = normal[from];
-                        for (plane, v) in [r, g, b, a, nx as u8, ny as u8, nz as u8].into_iter().enumerate() {
-                            planes[plane * n + to] = v;
-                        }
-                    }
-                }
+        region.for_each_sample(self.mask, self.layout, |sample, place| {
+            for (plane, v) in self.components(sample).into_iter().enumerate() {
+                planes[plane * n + place] = v;
             }
+        });
+        let mut agree = true;
+        region.for_each_sample(self.mask, self.layout, |sample, place| {
+            for (plane, v) in self.components(sample).into_iter().enumerate() {
+                agree &= planes[plane * n + place] == v;
+            }
+        });
+        if !agree {
+            return Err(FormatError::file(
+                "neighbouring bricks of a chunk disagree about a sample that they share",
+            ));
         }
         for column in planes.chunks_exact_mut(region.size.z as usize) {
             let mut above = 0u8;
@@ -194,33 +204,19 @@ impl Chunk {
                 *v = above;
             }
         }
-        let (side, samples) = (layout.side(), layout.samples());
-        let bricks = mask.count_ones() as usize;
+        let samples = mask.count_ones() as usize * layout.samples();
         let mut chunk = Self {
             mask,
             layout,
-            color: vec![[0; 4]; bricks * samples],
-            normal: vec![[0; 4]; bricks * samples],
+            color: vec![[0; 4]; samples],
+            normal: vec![[0; 4]; samples],
         };
         let plane: [&[u8]; PLANES] = std::array::from_fn(|k| &planes[k * n..(k + 1) * n]);
-        for (k, p) in brick_positions(mask).enumerate() {
-            for y in 0..side {
-                for x in 0..side {
-                    let column = region.column(p, x, y);
-                    for z in 0..side {
-                        let from = column + region.depth(p, z);
-                        let to = k * samples + ((z * side + y) * side + x) as usize;
-                        chunk.color[to] = [plane[0][from], plane[1][from], plane[2][from], plane[3][from]];
-                        chunk.normal[to] = [
-                            plane[4][from] as i8,
-                            plane[5][from] as i8,
-                            plane[6][from] as i8,
-                            0,
-                        ];
-                    }
-                }
-            }
-        }
+        region.for_each_sample(mask, layout, |sample, place| {
+            let [r, g, b, a, nx, ny, nz] = plane.map(|p| p[place]);
+            chunk.color[sample] = [r, g, b, a];
+            chunk.normal[sample] = [nx as i8, ny as i8, nz as i8, 0];
+        });
         Ok(chunk)
     }
 }

@@ -13,8 +13,11 @@ use crate::{octree_binary, octree_xml};
 /// The deepest level a tree may have: 8·2²⁰ voxels per axis.
 pub const MAX_DEPTH: u8 = 20;
 
-/// Most tiles a level may have (the child index has 30 bits).
-pub const MAX_TILES: u32 = 1 << 30;
+/// Most tiles a level may have: their nodes are counted in 32 bits.
+pub const MAX_TILES: u32 = (1 << 29) - 1;
+
+/// Largest magnitude of a coordinate or length, metres: beyond it a double resolves no more than an eighth of a metre.
+pub const MAX_METRES: f64 = 1e15;
 
 /// A tree's properties.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,8 +60,11 @@ impl TreeHeader {
     }
 
     /// Checks the ranges that everything else relies on.
+    ///
+    /// # Errors
+    /// Naming the first property out of range.
     pub fn validate(&self) -> Result<(), FormatError> {
-        if !self.origin.is_finite() || self.origin.abs().max_element() > 1e15 {
+        if !self.origin.is_finite() || self.origin.abs().max_element() > MAX_METRES {
             return Err(FormatError::file(format!(
                 "origin {} is not a usable position",
                 self.origin
@@ -75,6 +81,9 @@ impl TreeHeader {
                 "depth {} is above {MAX_DEPTH}",
                 self.depth
             )));
+        }
+        if self.side() > MAX_METRES {
+            return Err(FormatError::file(format!("side {} m is not usable", self.side())));
         }
         if !(1..=2).contains(&self.gain) {
             return Err(FormatError::file(format!(
@@ -166,6 +175,9 @@ impl Octree {
     }
 
     /// Checks every invariant of the module.
+    ///
+    /// # Errors
+    /// Naming the first level and node that break one.
     pub fn validate(&self) -> Result<(), FormatError> {
         self.header.validate()?;
         if self.levels.len() != usize::from(self.header.depth) + 1 {
@@ -242,6 +254,9 @@ pub struct LevelCounts {
 }
 
 /// Checks the running indices of one level and counts what it refers to.
+///
+/// # Errors
+/// Naming the first node whose index is out of order, or that has children where no level follows.
 pub fn check_level(nodes: &[Node], level: u8, depth: u8) -> Result<LevelCounts, FormatError> {
     let mut counts = LevelCounts { tiles: 0, bricks: 0 };
     for (index, node) in nodes.iter().enumerate() {
@@ -250,7 +265,7 @@ pub fn check_level(nodes: &[Node], level: u8, depth: u8) -> Result<LevelCounts, 
             if level >= depth {
                 return Err(fault("has children below the deepest level"));
             }
-            if tile != counts.tiles || tile >= MAX_TILES - 1 {
+            if tile != counts.tiles || tile >= MAX_TILES {
                 return Err(fault("child tile out of order"));
             }
             counts.tiles += 1;

@@ -20,7 +20,7 @@ use glam::{DVec3, UVec3};
 
 use crate::error::FormatError;
 use crate::layout::SampleLayout;
-use crate::octree::{MAX_DEPTH, MAX_TILES, Node, Octree, TreeHeader, check_level};
+use crate::octree::{MAX_DEPTH, Node, Octree, TreeHeader, check_level};
 
 /// First bytes of the file.
 pub const MAGIC: [u8; 8] = *b"BRKFOCT\0";
@@ -136,7 +136,7 @@ pub fn encode(tree: &Octree) -> Result<Vec<u8>, FormatError> {
 /// Reads header and table from the first bytes of a file that is `file_len` bytes long.
 ///
 /// # Errors
-/// Wrong magic or version, unknown layout or gain, a bad checksum, a level outside the file.
+/// Wrong magic or version, unknown layout or gain, a bad checksum, levels that do not end where the file does.
 pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatError> {
     if bytes.len() < 16 || bytes[..8] != MAGIC {
         return Err(FormatError::at(0, "not a brickfell octree file (wrong magic)"));
@@ -153,7 +153,8 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatE
         return Err(FormatError::at(12, format!("depth {depth} is above {MAX_DEPTH}")));
     }
     let table_end = TABLE + ENTRY * (usize::from(depth) + 1);
-    if bytes.len() < table_end {
+    let body = table_end.next_multiple_of(64);
+    if bytes.len() < body {
         return Err(FormatError::at(
             bytes.len() as u64,
             "the file ends inside its header",
@@ -164,6 +165,15 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatE
             56,
             "header checksum does not match: the file is damaged",
         ));
+    }
+    // Outside the checksum or not used yet; whatever gives these bytes a meaning raises the version.
+    for range in [15..16, 60..64, table_end..body] {
+        if bytes[range.clone()].iter().any(|b| *b != 0) {
+            return Err(FormatError::at(
+                range.start as u64,
+                "unused bytes are not zero: the file is damaged",
+            ));
+        }
     }
     let layout = SampleLayout::from_code(bytes[13])
         .ok_or_else(|| FormatError::at(13, format!("sample layout {} is unknown", bytes[13])))?;
@@ -179,7 +189,7 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatE
     };
     header.validate()?;
     let mut levels = Vec::with_capacity(usize::from(depth) + 1);
-    let mut expected = table_end.next_multiple_of(64) as u64;
+    let mut expected = body as u64;
     for level in 0..=usize::from(depth) {
         let at = TABLE + ENTRY * level;
         let entry = LevelEntry {
@@ -190,9 +200,9 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatE
         let plausible = if level == 0 {
             entry.nodes == 1
         } else {
-            entry.nodes % 8 == 0
+            entry.nodes.is_multiple_of(8)
         };
-        if !plausible || entry.nodes / 8 >= MAX_TILES || entry.offset != expected {
+        if !plausible || entry.offset != expected {
             return Err(FormatError::at(
                 at as u64,
                 format!("table entry of level {level} is not plausible"),
@@ -206,6 +216,12 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatE
             ));
         }
         levels.push(entry);
+    }
+    if expected != file_len {
+        return Err(FormatError::at(
+            expected,
+            format!("the levels end here, the file at byte {file_len}"),
+        ));
     }
     Ok(OctreeIndex { header, levels })
 }

@@ -13,12 +13,10 @@ use quick_xml::events::Event;
 use quick_xml::events::attributes::{AttrError, Attributes};
 
 use crate::error::FormatError;
+use crate::octree::MAX_METRES;
 
 /// Most attributes an element may have.
 const MAX_ATTRIBUTES: usize = 64;
-
-/// Largest magnitude of a coordinate or length, metres: beyond it a double does not resolve a metre's eighth.
-const MAX_METRES: f64 = 1e15;
 
 /// A step through the document.
 #[derive(Debug)]

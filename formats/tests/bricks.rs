@@ -1,0 +1,222 @@
+//! Brick files and chunk payloads: round trips, and the limits of what is accepted.
+
+mod common;
+
+use brickfell_formats::bricks::{self, BrickFileWriter, BrickIndex, HEADER_BYTES, brick_file_name};
+use brickfell_formats::chunk::{Chunk, Encoding, brick_positions};
+use brickfell_formats::layout::SampleLayout;
+use brickfell_formats::{FormatError, morton};
+use common::{brick_file, chunk_of};
+use glam::UVec3;
+use proptest::prelude::*;
+
+fn index(file: &[u8]) -> Result<BrickIndex, FormatError> {
+    let header = bricks::decode_header(file, file.len() as u64)?;
+    let directory = header.directory();
+    header.decode_directory(&file[directory.start as usize..directory.end as usize])
+}
+
+fn payload<'a>(file: &'a [u8], index: &BrickIndex, chunk: usize) -> &'a [u8] {
+    let entry = &index.chunks[chunk];
+    &file[entry.offset as usize..][..entry.length as usize]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn chunks_round_trip(chunk in common::chunk(2), encoding in common::encoding()) {
+        let bytes = chunk.encode(encoding).unwrap();
+        prop_assert_eq!(&Chunk::decode(&bytes, chunk.mask, chunk.layout, encoding).unwrap(), &chunk);
+        for cut in [0, 1, bytes.len() / 2, bytes.len() - 1] {
+            prop_assert!(Chunk::decode(&bytes[..cut], chunk.mask, chunk.layout, encoding).is_err());
+        }
+    }
+
+    #[test]
+    fn files_round_trip_and_every_brick_is_found(
+        chunk_log2 in 0u8..=2,
+        encoding in common::encoding(),
+        codes in prop::collection::btree_set(0u64..512, 0..6),
+        masks in prop::collection::vec(any::<u64>(), 6),
+        flat in any::<bool>(),
+    ) {
+        // Level 3 + k has 8³ chunks of 2^k bricks.
+        let places = u64::MAX >> (64 - (1u32 << (3 * chunk_log2)));
+        let chunks: Vec<(UVec3, Chunk)> = codes.iter().zip(masks).map(|(code, mask)| {
+            let mask = if mask & places == 0 { 1 } else { mask & places };
+            (morton::decode(*code), chunk_of(mask, SampleLayout::Corner, *code, flat))
+        }).collect();
+        let file = brick_file(3 + chunk_log2, chunk_log2, encoding, &chunks);
+        let index = index(&file).unwrap();
+        prop_assert_eq!(index.chunks.len(), chunks.len());
+        let mut brick = 0;
+        for (k, (position, chunk)) in chunks.iter().enumerate() {
+            prop_assert_eq!(&index.decode_chunk(k as u32, payload(&file, &index, k)).unwrap(), chunk);
+            prop_assert_eq!(index.chunk_corner(&index.chunks[k]), *position << u32::from(chunk_log2));
+            for local in 0..chunk.bricks() as u32 {
+                prop_assert_eq!(index.locate(brick), Some((k as u32, local)));
+                brick += 1;
+            }
+        }
+        prop_assert_eq!(index.header.bricks, brick);
+        prop_assert_eq!(index.locate(brick), None);
+        prop_assert_eq!(index.locate(u32::MAX), None);
+    }
+}
+
+#[test]
+fn bricks_of_a_level_are_numbered_in_morton_order() {
+    let chunks: Vec<_> = [1u64, 4]
+        .map(|c| (morton::decode(c), chunk_of(0x8421, SampleLayout::Corner, 1, true)))
+        .into();
+    let file = brick_file(4, 2, Encoding::Zstd, &chunks);
+    let index = index(&file).unwrap();
+    let mut last = None;
+    for entry in &index.chunks {
+        for p in brick_positions(entry.mask) {
+            let code = morton::encode(index.chunk_corner(entry) + p);
+            assert!(last.is_none_or(|l| l < code));
+            last = Some(code);
+        }
+    }
+}
+
+#[test]
+fn the_region_covers_the_present_bricks_only() {
+    for (mask, samples) in [
+        (1u64, 9 * 9 * 9),
+        (0b11, 17 * 9 * 9),
+        (1 << 63, 9 * 9 * 9),
+        (u64::MAX, 33 * 33 * 33),
+    ] {
+        let chunk = chunk_of(mask, SampleLayout::Corner, 7, false);
+        assert_eq!(
+            chunk.encode(Encoding::Plain).unwrap().len(),
+            samples * 7,
+            "{mask:#x}"
+        );
+    }
+    let full = chunk_of(u64::MAX, SampleLayout::Centre, 7, false);
+    let noise = full.encode(Encoding::Zstd).unwrap().len();
+    assert!(
+        noise as u32 <= bricks::MAX_PAYLOAD,
+        "incompressible chunk of {noise} bytes"
+    );
+}
+
+#[test]
+fn ground_compresses() {
+    let chunk = chunk_of(u64::MAX, SampleLayout::Corner, 3, true);
+    let (plain, zstd) = (
+        chunk.encode(Encoding::Plain).unwrap(),
+        chunk.encode(Encoding::Zstd).unwrap(),
+    );
+    assert!(zstd.len() * 15 < plain.len(), "{} of {}", zstd.len(), plain.len());
+}
+
+#[test]
+fn chunks_that_do_not_agree_with_themselves_are_refused() {
+    let mut chunk = chunk_of(0b11, SampleLayout::Corner, 3, false);
+    chunk.color[8][0] ^= 1;
+    assert!(
+        chunk
+            .encode(Encoding::Zstd)
+            .unwrap_err()
+            .message
+            .contains("disagree")
+    );
+    chunk.color.pop();
+    assert!(
+        chunk
+            .encode(Encoding::Zstd)
+            .unwrap_err()
+            .message
+            .contains("do not match its mask")
+    );
+}
+
+#[test]
+fn a_payload_must_decode_to_its_size_and_no_more() {
+    let chunk = chunk_of(1, SampleLayout::Corner, 3, false);
+    let plain = chunk.encode(Encoding::Plain).unwrap();
+    let zstd = chunk.encode(Encoding::Zstd).unwrap();
+    let decode = |bytes: &[u8], mask, encoding| Chunk::decode(bytes, mask, SampleLayout::Corner, encoding);
+    assert!(decode(&plain, 0b11, Encoding::Plain).is_err());
+    assert!(decode(&zstd, 0b11, Encoding::Zstd).is_err());
+    // A gigabyte of zeros in 32 kB: must fail within the chunk's own size.
+    let bomb = zstd::bulk::compress(&vec![0; 1 << 30], 1).unwrap();
+    assert!(bomb.len() < 1 << 17);
+    let e = decode(&bomb, 1, Encoding::Zstd).unwrap_err();
+    assert!(e.message.contains("does not decompress"), "{e}");
+}
+
+#[test]
+fn the_writer_refuses_what_the_reader_would() {
+    let payload = [0u8; 16];
+    let push = |level, log2, position: [u32; 3], mask| {
+        BrickFileWriter::new(level, SampleLayout::Corner, log2, Encoding::Plain).push(
+            position.into(),
+            mask,
+            &payload,
+        )
+    };
+    push(2, 1, [1, 1, 1], 0xff).unwrap();
+    push(0, 2, [0, 0, 0], 1).unwrap();
+    for (level, log2, position, mask) in [
+        (2, 1, [1, 1, 1], 0),
+        (2, 1, [2, 0, 0], 1),
+        (2, 1, [0, 0, 0], 0x100),
+        (0, 2, [0, 0, 0], 2),
+        (1, 2, [0, 0, 0], 0x100),
+        (1, 2, [1, 0, 0], 1),
+        (20, 0, [1 << 20, 0, 0], 1),
+        (20, 0, [1 << 21, 0, 0], 1),
+        (255, 0, [0, 0, 0], 1),
+    ] {
+        let e = push(level, log2, position, mask).unwrap_err();
+        assert!(
+            e.message.contains("empty or outside"),
+            "{level} {log2} {position:?} {mask:#x}: {e}"
+        );
+    }
+    let mut writer = BrickFileWriter::new(3, SampleLayout::Corner, 2, Encoding::Plain);
+    writer.push(UVec3::X, 1, &payload).unwrap();
+    assert!(
+        writer
+            .push(UVec3::X, 1, &payload)
+            .unwrap_err()
+            .message
+            .contains("Morton order")
+    );
+    assert!(
+        writer
+            .push(UVec3::ZERO, 1, &payload)
+            .unwrap_err()
+            .message
+            .contains("Morton order")
+    );
+    let long = vec![0; bricks::MAX_PAYLOAD as usize + 1];
+    assert!(
+        writer
+            .push(UVec3::Y, 1, &long)
+            .unwrap_err()
+            .message
+            .contains("above 524288")
+    );
+}
+
+#[test]
+fn brick_files_stand_beside_their_tree() {
+    for (tree, file) in [
+        ("a.oct", "a.L03.brk"),
+        ("x.y/a", "x.y/a.L03.brk"),
+        ("x.y/a.b.xml", "x.y/a.b.L03.brk"),
+        (".oct", ".oct.L03.brk"),
+        ("x/.oct", "x/.oct.L03.brk"),
+    ] {
+        assert_eq!(brick_file_name(tree, 3), file);
+    }
+    assert_eq!(brick_file_name("a.oct", 12), "a.L12.brk");
+    assert_eq!(HEADER_BYTES, 64);
+}

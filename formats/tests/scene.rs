@@ -1,0 +1,242 @@
+//! Scenes: what is written is read back exactly, and what is wrong in a hand-written one is named.
+
+mod common;
+
+use brickfell_formats::Place;
+use brickfell_formats::scene::{Bounds, Group, MAX_NESTING, PagedOctTree, Scene};
+use proptest::prelude::*;
+
+fn bounds() -> impl Strategy<Value = Option<Bounds>> {
+    let sorted = (common::point(), common::point()).prop_map(|(a, b)| Bounds {
+        min: a.min(b),
+        max: a.max(b),
+    });
+    prop::option::of(sorted)
+}
+
+prop_compose! {
+    fn tree()(
+        center in common::point(),
+        radius in common::metres().prop_map(f64::abs).prop_filter("above zero", |r| *r > 0.0),
+        bounds in bounds(),
+        tree_file in "[^/\\\\:\\pC]{1,8}(/[a-z&<>\"' é]{3,5}){0,2}"
+            .prop_filter("a name", |f| f.split('/').all(|part| part != "." && part != "..")),
+    ) -> PagedOctTree {
+        PagedOctTree { center, radius, bounds, tree_file }
+    }
+}
+
+fn group() -> impl Strategy<Value = Group> {
+    let flat = (
+        any::<bool>(),
+        prop::option::of(Just([8; 3])),
+        bounds(),
+        prop::collection::vec(tree(), 0..3),
+    )
+        .prop_map(|(compressed, brick_size, bounds, trees)| Group {
+            compressed,
+            brick_size,
+            bounds,
+            groups: Vec::new(),
+            trees,
+        })
+        .boxed();
+    flat.clone().prop_recursive(4, 32, 4, move |inner| {
+        (flat.clone(), prop::collection::vec(inner, 0..4))
+            .prop_map(|(group, groups)| Group { groups, ..group })
+    })
+}
+
+fn collect<'a>(group: &'a Group, into: &mut Vec<&'a PagedOctTree>) {
+    into.extend(&group.trees);
+    for group in &group.groups {
+        collect(group, into);
+    }
+}
+
+proptest! {
+    #[test]
+    fn scenes_round_trip(crs in prop::option::of("[^\\pC]{0,20}[\n\t\r]?[<&\"' ]?"), root in group()) {
+        let scene = Scene { crs, root };
+        let xml = scene.to_xml();
+        let again = Scene::parse(xml.as_bytes()).unwrap();
+        prop_assert_eq!(&again, &scene);
+        prop_assert_eq!(again.to_xml(), xml);
+        let mut expected = Vec::new();
+        collect(&scene.root, &mut expected);
+        prop_assert!(scene.trees().eq(expected));
+    }
+}
+
+#[test]
+fn control_characters_in_a_crs_do_not_make_the_file_unreadable() {
+    let scene = Scene {
+        crs: Some("a\0b\u{1}".into()),
+        root: Group::default(),
+    };
+    assert_eq!(
+        Scene::parse(scene.to_xml().as_bytes()).unwrap().crs.unwrap(),
+        "a\u{fffd}b\u{fffd}"
+    );
+}
+
+const TREE: &str = "<PagedOctTree CenterX='1' CenterY='2' CenterZ='3' Radius='4' TreeFile='a/b.xml'/>";
+
+fn parse(inside: &str) -> Result<Scene, brickfell_formats::FormatError> {
+    Scene::parse(format!("<OctTreeGroup>\n{inside}</OctTreeGroup>").as_bytes())
+}
+
+#[test]
+fn the_least_scene_has_defaults() {
+    let scene = parse(TREE).unwrap();
+    assert_eq!(
+        (scene.crs, scene.root.compressed, scene.root.brick_size),
+        (None, false, None)
+    );
+    assert_eq!(scene.root.trees[0].bounds, None);
+    assert_eq!(Scene::parse(b"<OctTreeGroup/>").unwrap(), Scene::default());
+}
+
+#[test]
+fn faults_are_named_with_their_place() {
+    let with = |from: &str, to: &str| {
+        assert!(TREE.contains(from), "{from}");
+        TREE.replace(from, to)
+    };
+    let group = |attributes: &str| format!("<OctTreeGroup {attributes}/>");
+    for (inside, column, part) in [
+        ("<Tree/>".into(), 1, "Tree: unknown element in OctTreeGroup"),
+        (
+            with("Radius='4' ", ""),
+            1,
+            "PagedOctTree: attribute Radius is missing",
+        ),
+        (
+            with("CenterY='2' ", ""),
+            1,
+            "PagedOctTree: attribute CenterY is missing",
+        ),
+        (
+            with("Radius", "Radios"),
+            51,
+            "PagedOctTree: attribute Radios is unknown",
+        ),
+        (
+            with("Radius='4'", "CenterX='4'"),
+            51,
+            "PagedOctTree: attribute CenterX is given twice",
+        ),
+        (
+            with("Radius='4'", "Radius='-4'"),
+            51,
+            "Radius=\"-4\" is not above zero",
+        ),
+        (
+            with("CenterX='1'", "CenterX='NaN'"),
+            15,
+            "PagedOctTree: CenterX=\"NaN\" is not a finite number",
+        ),
+        (
+            with("CenterX='1'", "CenterX='inf'"),
+            15,
+            "CenterX=\"inf\" is not a finite number",
+        ),
+        (
+            with("CenterX='1'", "CenterX='1m'"),
+            15,
+            "CenterX=\"1m\" is not a number",
+        ),
+        (with("/>", " MinX='0'/>"), 1, "attribute MinY is missing"),
+        (
+            with("/>", " MinX='0' MinY='0' MinZ='2' MaxX='1' MaxY='1' MaxZ='1'/>"),
+            99,
+            "PagedOctTree: MinZ=\"2\" is above MaxZ",
+        ),
+        (
+            with("/>", "><a/></PagedOctTree>"),
+            81,
+            "a: PagedOctTree has no elements inside",
+        ),
+        (with("/>", ">x</PagedOctTree>"), 81, "text in PagedOctTree"),
+        (format!("{TREE} oak"), 83, "text in OctTreeGroup"),
+        (
+            group("Compressed='TRUE'"),
+            15,
+            "OctTreeGroup: Compressed=\"TRUE\" is unknown (known: YES, NO)",
+        ),
+        (group("BrickXSize='8'"), 1, "attribute BrickYSize is missing"),
+        (group("BrickXSize='9'"), 15, "BrickXSize=\"9\" is not supported"),
+        (group("Crs='EPSG:25832'"), 15, "attribute Crs is unknown"),
+    ] {
+        let e = parse(&inside).unwrap_err();
+        assert_eq!(e.place, Place::Line { line: 2, column }, "{inside}: {e}");
+        assert!(e.message.contains(part), "{inside}: {e}");
+        assert!(!e.to_string().contains('\n'));
+    }
+    for (text, part) in [
+        (
+            "<OctTreeGroup Version='2'/>",
+            "Version=\"2\" is an unknown version",
+        ),
+        (
+            "<GigaVoxelsOctTree/>",
+            "unknown root element (OctTreeGroup expected)",
+        ),
+        ("<PagedOctTree/>", "unknown root element (OctTreeGroup expected)"),
+    ] {
+        let e = Scene::parse(text.as_bytes()).unwrap_err();
+        assert!(e.message.contains(part), "{e}");
+    }
+}
+
+#[test]
+fn tree_files_stay_in_the_folder() {
+    for (bad, escaped) in [
+        ("", ""),
+        ("/etc/passwd", "/etc/passwd"),
+        ("..", ".."),
+        ("a/../../b", "a/../../b"),
+        ("a\\b", "a\\b"),
+        ("C:/a", "C:/a"),
+        ("file:a", "file:a"),
+        ("a//b", "a//b"),
+        ("./a", "./a"),
+        ("a/", "a/"),
+        ("a\nb", "a&#10;b"),
+    ] {
+        let e = parse(&TREE.replace("a/b.xml", escaped)).unwrap_err();
+        assert!(e.message.contains("leaves the terrain's folder"), "{bad:?}: {e}");
+        assert!(e.message.starts_with("PagedOctTree: TreeFile="), "{bad:?}: {e}");
+        assert_eq!(e.place, Place::Line { line: 2, column: 62 }, "{bad:?}");
+    }
+    assert!(parse(&TREE.replace("a/b.xml", "a&#0;b")).is_err());
+    for good in ["a", "...", "a..b/.hidden", "trees/höhe 1.oct"] {
+        assert_eq!(
+            parse(&TREE.replace("a/b.xml", good)).unwrap().root.trees[0].tree_file,
+            good
+        );
+    }
+}
+
+#[test]
+fn nesting_is_limited() {
+    let nested = |n: usize| "<OctTreeGroup>".repeat(n) + &"</OctTreeGroup>".repeat(n);
+    Scene::parse(nested(MAX_NESTING).as_bytes()).unwrap();
+    let e = Scene::parse(nested(MAX_NESTING + 1).as_bytes()).unwrap_err();
+    assert_eq!(
+        e.place,
+        Place::Line {
+            line: 1,
+            column: 14 * 64 + 1
+        }
+    );
+    assert!(e.message.contains("nest deeper than 64"), "{e}");
+    Scene::parse(nested(1_000_000).as_bytes()).unwrap_err();
+}
+
+#[test]
+fn the_number_of_trees_is_limited() {
+    let text = format!("<OctTreeGroup>{}</OctTreeGroup>", TREE.repeat((1 << 20) + 1));
+    let e = Scene::parse(text.as_bytes()).unwrap_err();
+    assert!(e.message.contains("at most 1048576"), "{e}");
+}
