@@ -56,6 +56,7 @@
 //! - **f32 relative to a floating origin**: a cull is microseconds; it is not worth a second coordinate system.
 
 mod bounds;
+mod builder;
 mod camera;
 mod cull;
 mod frustum;
@@ -66,8 +67,9 @@ mod sort;
 mod testing;
 
 pub use bounds::{Aabb, BoundsError};
+pub use builder::{SceneBuilder, SceneError};
 pub use camera::{Camera, CameraError};
 pub use cull::{CullResult, Culler, VisibleTree};
 pub use frustum::{Containment, Frustum, PlaneMask};
 pub use order::{Precedence, exact_precedence, never_aligned, overlapping_pairs, precedence};
-pub use scene::{Descend, GroupId, GroupInfo, SceneBuilder, SceneError, SceneGraph, TreeId, Visitor};
+pub use scene::{Descend, GroupId, GroupInfo, SceneGraph, TreeId, Visitor};

@@ -153,6 +153,19 @@ mod tests {
         );
     }
 
+    #[test]
+    fn the_box_that_holds_the_eye_comes_first() {
+        let unit = bounds([0.0; 3], [1.0; 3]);
+        let aside = bounds([-2.0, 0.0, 0.0], [-1.0, 1.0, 1.0]);
+        let in_lower_face = dvec3(0.0, 0.5, 0.5);
+        assert_eq!(precedence(&unit, &aside, in_lower_face), Precedence::First);
+        assert_eq!(precedence(&aside, &unit, in_lower_face), Precedence::Second);
+        assert_eq!(exact_precedence(&unit, &aside, in_lower_face), Precedence::First);
+        // The upper face is not the box's own.
+        let beyond = bounds([2.0, 0.0, 0.0], [3.0, 1.0, 1.0]);
+        assert_eq!(precedence(&unit, &beyond, dvec3(1.0, 0.5, 0.5)), Precedence::Free);
+    }
+
     /// Against rays aimed at points of both boxes: no ray may contradict the order, and with an exact test nearly
     /// every constraint has a ray to show for it.
     #[test]

@@ -7,11 +7,8 @@
 //! Invariants: bounds are finite; a group's bounds are the union of its non-empty children; a tree with a box of zero
 //! volume owns no point (boxes are half-open) and counts for no bounds and is never visible, but is still visited.
 
-use crate::bounds::{Aabb, BoundsError};
-use crate::order::sweep_overlaps;
-use glam::DVec3;
-use std::collections::HashSet;
-use thiserror::Error;
+use crate::bounds::Aabb;
+use crate::builder::SceneBuilder;
 
 /// Names a tree; chosen by the caller, who keeps tables by it. Best dense from 0, and below [`TreeId::LIMIT`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -31,33 +28,6 @@ impl GroupId {
     pub const ROOT: GroupId = GroupId(0);
 }
 
-/// Why a node was not added. The builder stays as it was, so the caller may skip the node and go on.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
-pub enum SceneError {
-    /// The tree's box is not finite or is inverted.
-    #[error("tree {} in group {}: {source}", .tree.0, .parent.0)]
-    Bounds {
-        /// The tree refused.
-        tree: TreeId,
-        /// The group it was to be added to.
-        parent: GroupId,
-        /// What is wrong with the box.
-        source: BoundsError,
-    },
-    /// A tree with this id is already there.
-    #[error("tree {} is in the scene twice", .0.0)]
-    DuplicateTree(TreeId),
-    /// The id is not below [`TreeId::LIMIT`].
-    #[error("tree id {} is not below {}", .0.0, TreeId::LIMIT)]
-    TreeIdTooLarge(TreeId),
-    /// There is no such group yet.
-    #[error("there is no group {}", .0.0)]
-    UnknownGroup(GroupId),
-    /// More nodes than 32-bit indices can tell apart.
-    #[error("the scene has too many nodes")]
-    TooManyNodes,
-}
-
 /// One node of the flat array.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Node {
@@ -75,141 +45,6 @@ pub(crate) struct Node {
 pub(crate) enum NodeKind {
     Tree,
     Group { first: u32, count: u32, disjoint: bool },
-}
-
-/// Gathers groups and trees; parents before children.
-#[derive(Debug)]
-pub struct SceneBuilder {
-    /// Parent of each group; the root is its own.
-    parents: Vec<GroupId>,
-    /// Children of each group in order of addition.
-    children: Vec<Vec<Child>>,
-    trees: HashSet<TreeId>,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Child {
-    Group(GroupId),
-    Tree(TreeId, Aabb),
-}
-
-impl SceneBuilder {
-    /// Adds a group under `parent`, or under the root.
-    ///
-    /// # Errors
-    /// [`SceneError::UnknownGroup`] or [`SceneError::TooManyNodes`].
-    pub fn add_group(&mut self, parent: Option<GroupId>) -> Result<GroupId, SceneError> {
-        let parent = self.parent(parent)?;
-        let id = GroupId(self.parents.len() as u32);
-        self.parents.push(parent);
-        self.children.push(Vec::new());
-        self.children[parent.0 as usize].push(Child::Group(id));
-        Ok(id)
-    }
-
-    /// Adds a tree under `parent`, or under the root, with its half-open box in world metres.
-    ///
-    /// # Errors
-    /// [`SceneError`] naming the tree if its box or id is bad, or if the group is unknown.
-    pub fn add_tree(
-        &mut self,
-        parent: Option<GroupId>,
-        tree: TreeId,
-        bounds: Aabb,
-    ) -> Result<(), SceneError> {
-        let parent = self.parent(parent)?;
-        bounds
-            .validate()
-            .map_err(|source| SceneError::Bounds { tree, parent, source })?;
-        if tree.0 >= TreeId::LIMIT {
-            return Err(SceneError::TreeIdTooLarge(tree));
-        }
-        if !self.trees.insert(tree) {
-            return Err(SceneError::DuplicateTree(tree));
-        }
-        self.children[parent.0 as usize].push(Child::Tree(tree, bounds));
-        Ok(())
-    }
-
-    /// Lays the nodes out and computes each group's bounds and whether its children are pairwise disjoint.
-    pub fn finish(self) -> SceneGraph {
-        let group = |id: GroupId| Node {
-            bounds: Aabb {
-                min: DVec3::ZERO,
-                max: DVec3::ZERO,
-            },
-            id: id.0,
-            empty: true,
-            kind: NodeKind::Group {
-                first: 0,
-                count: 0,
-                disjoint: true,
-            },
-        };
-        let mut nodes = vec![group(GroupId::ROOT)];
-        let mut at = 0;
-        while at < nodes.len() {
-            let node = nodes[at];
-            if let NodeKind::Group { .. } = node.kind {
-                let first = nodes.len() as u32;
-                let children = &self.children[node.id as usize];
-                nodes.extend(children.iter().map(|child| match *child {
-                    Child::Group(id) => group(id),
-                    Child::Tree(id, bounds) => Node {
-                        bounds,
-                        id: id.0,
-                        empty: bounds.is_empty(),
-                        kind: NodeKind::Tree,
-                    },
-                }));
-                let count = children.len() as u32;
-                nodes[at].kind = NodeKind::Group {
-                    first,
-                    count,
-                    disjoint: true,
-                };
-            }
-            at += 1;
-        }
-        // Children have larger indices than their parents: backwards is bottom-up, however deep the nesting.
-        for at in (0..nodes.len()).rev() {
-            if let NodeKind::Group { first, count, .. } = nodes[at].kind {
-                let children = &nodes[first as usize..(first + count) as usize];
-                let boxes: Vec<Aabb> = children.iter().filter(|n| !n.empty).map(|n| n.bounds).collect();
-                let mut disjoint = true;
-                sweep_overlaps(&boxes, |_, _| {
-                    disjoint = false;
-                    false
-                });
-                nodes[at].kind = NodeKind::Group {
-                    first,
-                    count,
-                    disjoint,
-                };
-                if let Some(bounds) = boxes.into_iter().reduce(|a, b| a.union(&b)) {
-                    nodes[at].bounds = bounds;
-                    nodes[at].empty = false;
-                }
-            }
-        }
-        let tree_id_limit = self.trees.iter().map(|tree| tree.0 + 1).max().unwrap_or(0);
-        SceneGraph {
-            nodes,
-            tree_count: self.trees.len(),
-            tree_id_limit,
-        }
-    }
-
-    fn parent(&self, parent: Option<GroupId>) -> Result<GroupId, SceneError> {
-        let parent = parent.unwrap_or(GroupId::ROOT);
-        if parent.0 as usize >= self.parents.len() {
-            return Err(SceneError::UnknownGroup(parent));
-        }
-        if self.parents.len() + self.trees.len() >= u32::MAX as usize {
-            return Err(SceneError::TooManyNodes);
-        }
-        Ok(parent)
-    }
 }
 
 /// Groups and trees with their bounds, read-only.
@@ -258,11 +93,7 @@ pub trait Visitor {
 impl SceneGraph {
     /// An empty builder.
     pub fn builder() -> SceneBuilder {
-        SceneBuilder {
-            parents: vec![GroupId::ROOT],
-            children: vec![Vec::new()],
-            trees: HashSet::new(),
-        }
+        SceneBuilder::new()
     }
 
     /// Number of trees, those with empty boxes included.
@@ -329,6 +160,15 @@ impl SceneGraph {
                     }
                 }
             }
+        }
+    }
+
+    /// Takes over what the builder laid out.
+    pub(crate) fn from_parts(nodes: Vec<Node>, tree_count: usize, tree_id_limit: u32) -> SceneGraph {
+        SceneGraph {
+            nodes,
+            tree_count,
+            tree_id_limit,
         }
     }
 
@@ -413,57 +253,6 @@ mod tests {
             (bounds.min, bounds.max),
             (dvec3(0.0, 0.0, -2.0), dvec3(10.0, 6.0, 1.0))
         );
-    }
-
-    #[test]
-    fn bad_nodes_are_named_and_leave_the_builder_usable() {
-        let mut builder = SceneGraph::builder();
-        let group = builder.add_group(None).unwrap();
-        let nan = Aabb {
-            min: dvec3(0.0, f64::NAN, 0.0),
-            max: DVec3::ONE,
-        };
-        let error = builder.add_tree(Some(group), TreeId(42), nan).unwrap_err();
-        assert!(
-            error
-                .to_string()
-                .starts_with("tree 42 in group 1: bounds are not finite"),
-            "{error}"
-        );
-        let inverted = Aabb {
-            min: DVec3::ONE,
-            max: DVec3::ZERO,
-        };
-        assert!(matches!(
-            builder.add_tree(None, TreeId(42), inverted),
-            Err(SceneError::Bounds { .. })
-        ));
-        builder.add_tree(None, TreeId(42), cube(0.0, 0.0, 0.0)).unwrap();
-        let twice = builder.add_tree(None, TreeId(42), cube(3.0, 0.0, 0.0));
-        assert_eq!(twice, Err(SceneError::DuplicateTree(TreeId(42))));
-        let far = TreeId(TreeId::LIMIT);
-        assert_eq!(
-            builder.add_tree(None, far, cube(3.0, 0.0, 0.0)),
-            Err(SceneError::TreeIdTooLarge(far))
-        );
-        assert_eq!(
-            builder.add_group(Some(GroupId(9))),
-            Err(SceneError::UnknownGroup(GroupId(9)))
-        );
-        assert_eq!(builder.finish().len(), 1);
-    }
-
-    #[test]
-    fn empty_boxes_and_groups_have_no_bounds() {
-        assert!(SceneGraph::builder().finish().bounds().is_none());
-        let mut builder = SceneGraph::builder();
-        let group = builder.add_group(None).unwrap();
-        let flat = Aabb::new(dvec3(100.0, 0.0, 0.0), dvec3(101.0, 1.0, 0.0)).unwrap();
-        builder.add_tree(Some(group), TreeId(0), flat).unwrap();
-        builder.add_tree(None, TreeId(1), cube(0.0, 0.0, 0.0)).unwrap();
-        let scene = builder.finish();
-        assert_eq!(scene.bounds(), Some(cube(0.0, 0.0, 0.0)));
-        assert_eq!(scene.len(), 2);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Helpers of the tests: a seeded generator, random cameras, and geometry written a second, independent way.
 
+pub(crate) mod scenes;
+
 use crate::bounds::Aabb;
 use crate::camera::Camera;
 use glam::{DVec3, dvec3};

@@ -1,103 +1,14 @@
 //! The culler against brute force: every tree against the frustum, and rays through the list it returns.
 
 use super::*;
-use crate::scene::{GroupId, SceneBuilder};
+use crate::builder::SceneBuilder;
+use crate::order::{Precedence, exact_precedence, precedence};
+use crate::scene::GroupId;
+use crate::testing::scenes::{
+    crossed_beams, flat_list, overlapping_groups, pinwheels, quadtree, quarters, regular_grid,
+};
 use crate::testing::{Random, box_meets_pyramid, random_camera, ray_span};
 use glam::dvec3;
-
-/// Boxes on a lattice of quarters, so that stepping along a ray of whole-numbered direction is exact.
-fn quarters(min: DVec3, size: DVec3) -> Aabb {
-    let min = (min * 4.0).round() / 4.0;
-    Aabb::new(min, min + (size * 4.0).round() / 4.0).unwrap()
-}
-
-fn regular_grid(builder: &mut SceneBuilder) {
-    for id in 0..48u32 {
-        let (x, y, z) = (id % 4, id / 4 % 4, id / 16);
-        let min = dvec3(f64::from(x), f64::from(y), f64::from(z)) * 4.0;
-        builder
-            .add_tree(None, TreeId(id), quarters(min, DVec3::splat(4.0)))
-            .unwrap();
-    }
-}
-
-/// Columns of one to three stacked trees with their own Z offsets, heights and gaps, some smaller than their cell, in
-/// cells of mixed sizes. `group` says where in the nesting a tree goes.
-fn columns(
-    random: &mut Random,
-    builder: &mut SceneBuilder,
-    mut group: impl FnMut(&mut SceneBuilder, GroupId, &mut Random) -> GroupId,
-) {
-    let mut next = 0;
-    let mut cells = vec![(GroupId::ROOT, dvec3(-8.0, -8.0, 0.0), 16.0)];
-    while let Some((parent, corner, size)) = cells.pop() {
-        if size > 1.0 && (size > 8.0 || random.below(3) > 0) {
-            let half = size / 2.0;
-            for quadrant in 0..4 {
-                let offset = dvec3(f64::from(quadrant % 2), f64::from(quadrant / 2), 0.0) * half;
-                cells.push((group(builder, parent, random), corner + offset, half));
-            }
-            continue;
-        }
-        let mut z = random.point(4.0).z;
-        for _ in 0..1 + random.below(3) {
-            let height = 0.5 + 3.0 * random.unit();
-            let side = if random.below(4) == 0 { size / 2.0 } else { size };
-            let bounds = quarters(dvec3(corner.x, corner.y, z), dvec3(side, side, height));
-            let parent = group(builder, parent, random);
-            builder.add_tree(Some(parent), TreeId(next), bounds).unwrap();
-            next += 1;
-            z = bounds.max.z
-                + if random.below(2) == 0 {
-                    0.0
-                } else {
-                    random.unit().ceil()
-                };
-        }
-    }
-}
-
-fn quadtree(random: &mut Random, builder: &mut SceneBuilder) {
-    columns(random, builder, |builder, parent, _| {
-        builder.add_group(Some(parent)).unwrap()
-    });
-}
-
-fn flat_list(random: &mut Random, builder: &mut SceneBuilder) {
-    columns(random, builder, |_, _, _| GroupId::ROOT);
-}
-
-/// The same trees, thrown into groups and groups of groups at random, so that groups overlap all over.
-fn overlapping_groups(random: &mut Random, builder: &mut SceneBuilder) {
-    let mut groups = Vec::new();
-    for index in 0..12usize {
-        let parent = if index < 4 {
-            None
-        } else {
-            Some(groups[random.below(index)])
-        };
-        groups.push(builder.add_group(parent).unwrap());
-    }
-    columns(random, builder, |_, _, random| groups[random.below(12)]);
-}
-
-/// Four blades around a hole, nine times: no plane parts the boxes of one pinwheel.
-fn pinwheels(_: &mut Random, builder: &mut SceneBuilder) {
-    let blades = [
-        ([0.0, 0.0], [3.0, 1.0]),
-        ([3.0, 0.0], [1.0, 3.0]),
-        ([1.0, 3.0], [3.0, 1.0]),
-        ([0.0, 1.0], [1.0, 3.0]),
-        ([1.0, 1.0], [2.0, 2.0]),
-    ];
-    for id in 0..45u32 {
-        let (min, size) = blades[id as usize % 5];
-        let wheel = id / 5;
-        let origin = dvec3(f64::from(wheel % 3), f64::from(wheel / 3), 0.0) * 4.0 - 6.0;
-        let bounds = quarters(origin + dvec3(min[0], min[1], 0.0), dvec3(size[0], size[1], 2.0));
-        builder.add_tree(None, TreeId(id), bounds).unwrap();
-    }
-}
 
 /// Eyes inside, outside, on faces, on edges and on corners, all on the lattice of quarters.
 fn eye(random: &mut Random, boxes: &[Aabb]) -> DVec3 {
@@ -242,21 +153,6 @@ fn distance_would_misorder() {
     assert!(wrong > 0 && wrong < pairs / 10, "{wrong} of {pairs}");
 }
 
-/// Three beams, each over the next: from the diagonal they hide each other in a circle.
-fn crossed_beams() -> SceneGraph {
-    let mut builder = SceneGraph::builder();
-    let beams = [
-        ([-4.0, 0.0, 1.0], [4.0, 1.0, 2.0]),
-        ([1.0, -4.0, 0.0], [2.0, 4.0, 1.0]),
-        ([0.0, 1.0, -4.0], [1.0, 2.0, 4.0]),
-    ];
-    for (id, (min, max)) in beams.into_iter().enumerate() {
-        let bounds = Aabb::new(DVec3::from(min), DVec3::from(max)).unwrap();
-        builder.add_tree(None, TreeId(id as u32), bounds).unwrap();
-    }
-    builder.finish()
-}
-
 #[test]
 fn a_cycle_is_reported_where_there_is_one() {
     let scene = crossed_beams();
@@ -270,6 +166,83 @@ fn a_cycle_is_reported_where_there_is_one() {
     assert_eq!(at(DVec3::splat(20.0)), (false, 3));
     assert_eq!(at(DVec3::splat(-20.0)), (false, 3));
     assert_eq!(at(dvec3(0.5, 0.5, 20.0)), (true, 3));
+}
+
+/// Whether the constraints among the boxes run in a circle.
+fn cyclic(visible: &[VisibleTree], relation: impl Fn(&Aabb, &Aabb) -> Precedence) -> bool {
+    let mut left: Vec<&VisibleTree> = visible.iter().collect();
+    loop {
+        let before = left.len();
+        let all = left.clone();
+        left.retain(|a| {
+            all.iter()
+                .any(|b| b != a && relation(&b.bounds, &a.bounds) == Precedence::First)
+        });
+        if left.len() == before {
+            return before > 0;
+        }
+    }
+}
+
+#[test]
+fn beams_at_random_are_exact_unless_rays_show_a_cycle() {
+    let mut random = Random::new(16);
+    let (mut lists, mut rescued, mut hopeless, mut pairs) = (0, 0, 0, 0);
+    for _ in 0..1500 {
+        let mut beams: Vec<Aabb> = Vec::new();
+        while beams.len() < 12 {
+            let mut size = random.size(0.5, 1.5);
+            size[random.below(3)] = 6.0;
+            let beam = quarters(random.point(5.0), size);
+            if beams.iter().all(|other| !other.overlaps(&beam)) {
+                beams.push(beam);
+            }
+        }
+        let mut builder = SceneGraph::builder();
+        for (id, beam) in beams.iter().enumerate() {
+            builder.add_tree(None, TreeId(id as u32), *beam).unwrap();
+        }
+        let scene = builder.finish();
+        let eye = eye(&mut random, &beams);
+        let camera = Camera::look_at(eye, eye + random.direction(), 120.0, 64, 64).unwrap();
+        let mut culler = Culler::new();
+        let result = culler.cull(&scene, &camera, 0);
+        let unbacked = cyclic(&result.visible, |a, b| precedence(a, b, eye));
+        let backed = cyclic(&result.visible, |a, b| exact_precedence(a, b, eye));
+        assert_eq!(result.order_exact, !backed);
+        rescued += usize::from(unbacked && !backed);
+        hopeless += usize::from(backed);
+        lists += 1;
+        if result.order_exact {
+            assert_eq!(misordered(&mut random, &result.visible, eye, 50, &mut pairs), 0);
+        }
+    }
+    assert!(
+        rescued > 10 && hopeless > 0,
+        "{rescued} rescued, {hopeless} hopeless of {lists}, {pairs} pairs"
+    );
+}
+
+#[test]
+fn a_knot_is_broken_where_nothing_hides_it() {
+    // Two overlapping slabs of ground, and above them two overlapping boxes that are farther from the eye.
+    let mut builder = SceneGraph::builder();
+    let boxes = [
+        ([-50.0, -50.0, 4.0], [50.0, 50.0, 5.0]),
+        ([-40.0, -40.0, 4.0], [60.0, 60.0, 5.0]),
+        ([5.0, 5.0, 5.0], [6.0, 6.0, 6.0]),
+        ([5.5, 5.0, 5.0], [6.5, 6.0, 6.0]),
+    ];
+    for (id, (min, max)) in boxes.into_iter().enumerate() {
+        let bounds = Aabb::new(DVec3::from(min), DVec3::from(max)).unwrap();
+        builder.add_tree(None, TreeId(id as u32), bounds).unwrap();
+    }
+    let scene = builder.finish();
+    let camera = Camera::look_at(dvec3(0.0, 0.0, 10.0), dvec3(5.0, 5.0, 5.0), 90.0, 64, 64).unwrap();
+    let mut culler = Culler::new();
+    let result = culler.cull(&scene, &camera, 0);
+    let order: Vec<u32> = result.visible.iter().map(|tree| tree.tree.0).collect();
+    assert_eq!((order, result.order_exact), (vec![2, 3, 0, 1], false));
 }
 
 #[test]
@@ -289,6 +262,24 @@ fn overlapping_trees_are_all_listed_and_reported() {
     assert!(!result.order_exact);
     let order: Vec<u32> = result.visible.iter().map(|tree| tree.tree.0).collect();
     assert_eq!(order, (0..40).collect::<Vec<u32>>());
+}
+
+#[test]
+fn thousands_that_no_plane_parts_are_listed_by_distance() {
+    let mut builder = SceneGraph::builder();
+    for id in 0..3000 {
+        let min = dvec3(f64::from(id * 7 % 3000) * 0.5, 0.0, 0.0);
+        builder
+            .add_tree(None, TreeId(id), Aabb::new(min, min + 1.0).unwrap())
+            .unwrap();
+    }
+    let scene = builder.finish();
+    let camera = Camera::look_at(dvec3(-30.0, 0.5, 0.5), DVec3::splat(0.5), 60.0, 64, 64).unwrap();
+    let mut culler = Culler::new();
+    let result = culler.cull(&scene, &camera, 0);
+    assert!(!result.order_exact);
+    assert_eq!(result.visible.len(), 3000);
+    assert!(result.visible.is_sorted_by(|a, b| a.distance < b.distance));
 }
 
 #[test]
