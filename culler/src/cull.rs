@@ -249,4 +249,6 @@ impl Walk<'_> {
 }
 
 #[cfg(test)]
+mod order_tests;
+#[cfg(test)]
 mod tests;
