@@ -1,1 +1,65 @@
-//! Placeholder.
+//! Database pager of a brickfell terrain: brings pages of trees from a store into memory while they are being seen, keeps
+//! them within a byte budget, and never lets the render thread wait.
+//!
+//! # A frame
+//!
+//! The render thread owns the [`Pager`] and, once a frame, in this order:
+//!
+//! 1. [`Pager::merge`] publishes what was loaded, parents before children;
+//! 2. [`Pager::request`] and [`Pager::touch`] say what the frame lacks and what it uses;
+//! 3. [`Pager::submit`] hands the requests to the loader threads, most urgent first. What was asked for earlier and not
+//!    again leaves the queue; what the budget needs is evicted.
+//!
+//! # Pages
+//!
+//! See [`PageKey`]: the root of a tree, the nodes of a level, a chunk of bricks.
+//!
+//! ```text
+//!            request            a loader takes it        read, checked        parent resident
+//!  absent ----------> requested ---------------> loading ------------> ready ----------------> resident
+//!    ^                  |    ^                      |                    |                        |
+//!    |  not renewed     |    | asked again          | error              | parent gone            | evicted
+//!    +------------------+    | after the delay      v                    |                        |
+//!    |                       +------------------- failed                 |                        |
+//!    |                                              | too many attempts  |                        |
+//!    |                                              v                    |                        |
+//!    |                                          given up, one fault      |                        |
+//!    +-------------------------------------------------------------------+------------------------+
+//! ```
+//!
+//! A result is matched to its request by slot and generation; one that comes in for a page that was given up meanwhile is
+//! dropped. Resident pages are closed under parents: a chunk's level and all coarser levels and the root are resident.
+//!
+//! # Threads
+//!
+//! - The render thread calls everything on the [`Pager`]. No call but [`Pager::wait_for_progress`] waits for a loader; the
+//!   one lock shared with them is held for moments, never across a read, a decode or the drop of a page.
+//! - Loader threads read, verify, decode, and drop evicted pages. At most all but one of them read the same file at a time.
+//! - [`TreeState`], [`RootPage`], [`LevelPage`] and chunks are immutable and may be held by any thread for any time; what is
+//!   held after its eviction is no longer counted.
+//! - Dropping the pager ends the loaders. One that hangs in a read is left behind and ends when its read returns.
+//!
+//! # Budget
+//!
+//! [`PagerConfig::budget_bytes`] bounds resident pages, finished ones, and loads under way by their estimate, together; a
+//! load that would exceed it is not begun. Roots of trees in use are exempt: without them nothing could be shown. Not
+//! counted are the snapshots' own pointers, the queue, and up to 0.3 MB per loader while it decodes. When requests and
+//! pages in use do not fit, the most urgent are served, the others are deferred, and [`Pager::over_budget`] says by how
+//! much the level of detail has to fall; at rest nothing is loaded or evicted then.
+
+mod exchange;
+mod load;
+mod loader;
+mod lru;
+pub mod page;
+mod pager;
+mod queue;
+pub mod store;
+mod sync;
+mod table;
+pub mod tree;
+
+pub use page::{LevelPage, PageKey, RootPage};
+pub use pager::{PageFault, Pager, PagerConfig, PagerStats};
+pub use store::{Fault, FolderStore, MemoryStore, Store};
+pub use tree::{Found, Stop, TreeState};

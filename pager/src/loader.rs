@@ -1,0 +1,146 @@
+//! The loader threads: take the nearest job, read, check, decode, hand in; or drop what was evicted.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+use std::thread::JoinHandle;
+
+use brickfell_formats::bricks::brick_file_name;
+
+use crate::exchange::{Exchange, Job, Order};
+use crate::load::{LoadError, Reader};
+use crate::page::{LevelPage, Page, RootPage};
+use crate::store::Store;
+
+/// What to load, with the pages that say where it is.
+#[derive(Debug)]
+pub(crate) enum Work {
+    Root {
+        file: Arc<str>,
+    },
+    Level {
+        file: Arc<str>,
+        root: Arc<RootPage>,
+        level: u8,
+    },
+    Chunk {
+        file: Arc<str>,
+        page: Arc<LevelPage>,
+        level: u8,
+        chunk: u32,
+    },
+}
+
+pub(crate) type Loads = Exchange<Work, Result<Page, LoadError>, Page>;
+
+/// The loader threads and what they share.
+#[derive(Debug)]
+pub(crate) struct Loaders {
+    pub(crate) loads: Arc<Loads>,
+    pub(crate) bytes_read: Arc<AtomicU64>,
+    /// Why there is no loader, if none could be started.
+    pub(crate) failure: Option<String>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Loaders {
+    /// Starts the threads.
+    pub(crate) fn start(store: Arc<dyn Store>, threads: usize, limit: u64) -> Self {
+        let threads = threads.max(1);
+        let loads = Arc::new(Loads::new(limit, threads));
+        let bytes_read = Arc::new(AtomicU64::new(0));
+        let mut loaders = Self {
+            loads,
+            bytes_read,
+            failure: None,
+            threads: Vec::new(),
+        };
+        for k in 0..threads {
+            let (loads, store, bytes_read) =
+                (loaders.loads.clone(), store.clone(), loaders.bytes_read.clone());
+            loads.enter();
+            let thread = std::thread::Builder::new().name(format!("pager {k}"));
+            match thread.spawn(move || run(&loads, &*store, &bytes_read)) {
+                Ok(thread) => loaders.threads.push(thread),
+                Err(e) => {
+                    loaders.loads.leave();
+                    loaders.failure = Some(format!("no loader thread could be started: {e}"));
+                }
+            }
+        }
+        if !loaders.threads.is_empty() {
+            loaders.failure = None;
+        }
+        loaders
+    }
+}
+
+/// How long a drop waits for loaders that are decoding; one that still reads after that is left behind.
+const PATIENCE: std::time::Duration = std::time::Duration::from_millis(100);
+
+impl Drop for Loaders {
+    fn drop(&mut self) {
+        self.loads.stop();
+        self.loads.wait_for_threads(PATIENCE);
+        for thread in self.threads.drain(..) {
+            // One that hangs in the store ends by itself when its read returns; it holds nothing but its own references.
+            if thread.is_finished() {
+                let _ = thread.join();
+            }
+        }
+    }
+}
+
+fn run(loads: &Loads, store: &dyn Store, bytes_read: &AtomicU64) {
+    loop {
+        match loads.next() {
+            Order::Stop => break,
+            Order::Discard(pages, bytes) => {
+                drop(pages);
+                loads.discarded(bytes);
+            }
+            Order::Load(job) => {
+                let handle = job.handle;
+                // A store is foreign code: if it panics the page has failed, and the loader lives on.
+                let result = catch_unwind(AssertUnwindSafe(|| load(loads, job, store, bytes_read)));
+                let result = result
+                    .unwrap_or_else(|_| Err(LoadError::Failed("a loader panicked on this page".to_owned())));
+                let bytes = result.as_ref().map_or(0, Page::memory);
+                loads.finish(handle, result, bytes);
+            }
+        }
+    }
+    loads.leave();
+}
+
+fn load(loads: &Loads, job: Job<Work>, store: &dyn Store, bytes_read: &AtomicU64) -> Result<Page, LoadError> {
+    let reader = Reader {
+        store,
+        bytes_read,
+        reserve: &|bytes| loads.reserve(job.handle, bytes),
+        read_done: &|| loads.read_done(job.handle),
+    };
+    match &job.work {
+        Work::Root { file } => reader.root(file).map(|page| Page::Root(Arc::new(page))),
+        Work::Level { file, root, level } => match &root.index {
+            Some(index) => reader
+                .level(file, index, *level)
+                .map(|page| Page::Level(Arc::new(page))),
+            None => Err(reader.fail(file, format!("level {level} is part of the root page"))),
+        },
+        Work::Chunk {
+            file,
+            page,
+            level,
+            chunk,
+        } => {
+            let name = brick_file_name(file, *level);
+            match &page.bricks {
+                Some(bricks) => reader
+                    .chunk(&name, bricks, *chunk)
+                    .map(|page| Page::Chunk(Arc::new(page))),
+                None => Err(reader.fail(&name, format!("level {level} has no bricks"))),
+            }
+        }
+    }
+}
