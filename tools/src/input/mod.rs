@@ -10,6 +10,7 @@
 
 pub mod demo;
 mod error;
+mod geokeys;
 pub mod georef;
 pub mod heights;
 pub mod image_file;

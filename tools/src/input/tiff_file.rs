@@ -14,6 +14,8 @@ use super::image_file::check_size;
 
 /// GDAL's XML with scale, offset and unit of the bands.
 const GDAL_METADATA: u16 = 42112;
+/// Value of `Compression` for samples as they are.
+const UNCOMPRESSED: u16 = 1;
 /// Value of `ExtraSamples` for alpha that is multiplied into the colour.
 const ASSOCIATED_ALPHA: u16 = 1;
 
@@ -75,6 +77,15 @@ pub(crate) fn read_image(path: &Path) -> Result<TiffImage, InputError> {
     if samples.as_buffer(0).byte_len() < layout.complete_len {
         return Err(InputError::damaged(path, "the TIFF image has more planes than fit the reader's limit"));
     }
+    if decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(fault)?.unwrap_or(1) == UNCOMPRESSED {
+        // The decoder reads on behind a strip or tile that is too short, into whatever follows.
+        let counts = [Tag::StripByteCounts, Tag::TileByteCounts].map(|tag| decoder.find_tag_unsigned_vec::<u64>(tag));
+        let stored: u64 = counts.into_iter().flatten().flatten().flatten().fold(0, u64::saturating_add);
+        if stored < layout.complete_len as u64 {
+            let what = format!("its strips hold {stored} bytes where the image has {}", layout.complete_len);
+            return Err(InputError::damaged(path, what));
+        }
+    }
     Ok(TiffImage {
         width,
         height,
@@ -122,7 +133,7 @@ fn tags(path: &Path, decoder: &mut Reader) -> Result<TiffTags, InputError> {
     };
     let ascii = text(Tag::GeoAsciiParamsTag).unwrap_or_default();
     let nodata = text(Tag::GdalNodata);
-    let gdal_metadata = text(Tag::from_u16_exhaustive(GDAL_METADATA));
+    let gdal_metadata = text(Tag::Unknown(GDAL_METADATA));
     let keys = decoder
         .find_tag_unsigned_vec::<u16>(Tag::GeoKeyDirectoryTag)
         .map_err(|e| fault(path, e))?
