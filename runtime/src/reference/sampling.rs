@@ -1,0 +1,183 @@
+//! What a node shows at a point, and what that does to a ray over a segment: filtering, light, opacity.
+//!
+//! A stored opacity is that of one voxel of the sample's level; a segment of `s` voxels has `1-(1-a)^s`. Colours are
+//! premultiplied linear light. Pure functions of plain values: any thread.
+
+use std::sync::LazyLock;
+
+use brickfell_formats::layout::{BRICK_VOXELS, SampleLayout};
+use brickfell_formats::octree::NodeData;
+use brickfell_formats::value::{decode_color, decode_normal, srgb_to_linear_f64};
+use glam::DVec3;
+
+use super::ReferenceError;
+use super::tree::Tree;
+use crate::settings::RenderSettings;
+
+/// Premultiplied linear rgb and opacity of a segment.
+pub(super) type Layer = [f64; 4];
+
+/// Linear light of every sRGB code.
+static LINEAR: LazyLock<[f64; 256]> = LazyLock::new(|| std::array::from_fn(|c| srgb_to_linear_f64(c as u8)));
+
+/// Components of every normal code, by the code's bits.
+static NORMAL: LazyLock<[f64; 256]> =
+    LazyLock::new(|| std::array::from_fn(|c| decode_normal([c as u8 as i8, 0, 0, 0])[0]));
+
+/// A value before opacity is converted to a segment's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Value {
+    /// Linear rgb times stored alpha.
+    pub(super) rgb: DVec3,
+    /// Stored alpha, the tree's gain not applied.
+    pub(super) alpha: f64,
+    /// Mean normal times opacity, world axes.
+    pub(super) normal: DVec3,
+}
+
+impl Value {
+    /// What a constant node shows everywhere.
+    pub(super) fn constant(color: [u8; 4]) -> Self {
+        let [r, g, b, alpha] = decode_color(color);
+        Self {
+            rgb: DVec3::new(r, g, b),
+            alpha,
+            normal: DVec3::ZERO,
+        }
+    }
+
+    const EMPTY: Self = Self {
+        rgb: DVec3::ZERO,
+        alpha: 0.0,
+        normal: DVec3::ZERO,
+    };
+}
+
+/// The samples of one brick, x fastest.
+#[derive(Clone, Copy)]
+pub(super) struct Brick<'a> {
+    /// Stored colours.
+    pub(super) color: &'a [[u8; 4]],
+    /// Stored normals.
+    pub(super) normal: &'a [[i8; 4]],
+    /// Where the samples lie.
+    pub(super) layout: SampleLayout,
+}
+
+impl Brick<'_> {
+    /// Trilinear value at a position in the brick (voxels of its level from its low corner, 0..8 per axis), which is
+    /// rounded to 1/256 voxel. `reads` counts the trilinear reads: one for an empty place, else colour and normal.
+    pub(super) fn value(&self, local: DVec3, reads: &mut u64) -> Value {
+        let side = self.layout.side() as usize;
+        let local = local.clamp(DVec3::ZERO, DVec3::splat(f64::from(BRICK_VOXELS)));
+        let texel = (local * 256.0 + 0.5).floor() / 256.0 + (self.layout.texel_offset() - 0.5);
+        let base = texel.floor().min(DVec3::splat(side as f64 - 2.0));
+        let t = texel - base;
+        let first = (base.z as usize * side + base.y as usize) * side + base.x as usize;
+        *reads += 1;
+        let corners: [usize; 8] =
+            std::array::from_fn(|k| first + (k & 1) + (k >> 1 & 1) * side + (k >> 2) * side * side);
+        if corners.iter().all(|c| self.color[*c][3] == 0) {
+            return Value::EMPTY;
+        }
+        *reads += 1;
+        let (linear, codes) = (&*LINEAR, &*NORMAL);
+        let mut out = Value::EMPTY;
+        for (k, corner) in corners.into_iter().enumerate() {
+            let pick = |axis: usize| {
+                if k >> axis & 1 == 1 {
+                    t[axis]
+                } else {
+                    1.0 - t[axis]
+                }
+            };
+            let weight = pick(0) * pick(1) * pick(2);
+            let [r, g, b, a] = self.color[corner];
+            let [nx, ny, nz, _] = self.normal[corner];
+            let color = [r, g, b].map(|c| linear[usize::from(c)]);
+            let normal = [nx, ny, nz].map(|c| codes[usize::from(c as u8)]);
+            out.rgb += DVec3::from(color) * weight;
+            out.normal += DVec3::from(normal) * weight;
+            out.alpha += f64::from(a) / 255.0 * weight;
+        }
+        out
+    }
+}
+
+/// What a node shows at its own level, ready to be evaluated.
+#[derive(Clone, Copy)]
+pub(super) enum Shown<'t> {
+    /// One value everywhere.
+    Constant(Value),
+    /// A brick.
+    Brick(Brick<'t>),
+}
+
+impl<'t> Shown<'t> {
+    /// Fetches what a node of a level shows.
+    pub(super) fn fetch(tree: &'t Tree, level: u8, data: NodeData) -> Result<Self, ReferenceError> {
+        Ok(match data {
+            NodeData::Constant(color) => Self::Constant(Value::constant(color)),
+            NodeData::Brick(number) => Self::Brick(tree.brick(level, number)?),
+        })
+    }
+
+    /// Value at a position in the node, in voxels of its level from its low corner.
+    pub(super) fn value(&self, local: DVec3, reads: &mut u64) -> Value {
+        match self {
+            Self::Constant(value) => *value,
+            Self::Brick(brick) => brick.value(local, reads),
+        }
+    }
+}
+
+/// Turns values into what a segment adds to a ray.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shading {
+    sun: DVec3,
+    ambient: f64,
+    diffuse: f64,
+}
+
+impl Shading {
+    /// The light of a picture.
+    pub(super) fn new(settings: &RenderSettings) -> Self {
+        Self {
+            sun: settings.sun,
+            ambient: settings.ambient,
+            diffuse: settings.diffuse,
+        }
+    }
+
+    /// The layer of a segment that is `length` voxels of the value's level long.
+    pub(super) fn layer(&self, value: &Value, gain: f64, length: f64) -> Layer {
+        if value.alpha <= 0.0 || length <= 0.0 {
+            return [0.0; 4];
+        }
+        let a = (gain * value.alpha).min(1.0);
+        let opacity = if a >= 1.0 {
+            1.0
+        } else {
+            -(length * (-a).ln_1p()).exp_m1()
+        };
+        let [r, g, b] = (value.rgb * (opacity / value.alpha * self.light(value.normal, a))).to_array();
+        [r, g, b, opacity]
+    }
+
+    /// Share of the albedo that is seen, for a normal times opacity `a`. Where the normals of a place cancel out there
+    /// is no surface to light, so short normals fade to unlit.
+    fn light(&self, normal: DVec3, a: f64) -> f64 {
+        let length = normal.length();
+        if length < 1e-6 {
+            return 1.0;
+        }
+        let weight = (8.0 * length / a.max(1e-6)).clamp(0.0, 1.0);
+        let lit = self.ambient + self.diffuse * (normal / length).dot(self.sun).max(0.0);
+        1.0 + weight * (lit - 1.0)
+    }
+}
+
+/// Mixes two layers of the same segment, `weight` for `b`.
+pub(super) fn mix(a: &Layer, b: &Layer, weight: f64) -> Layer {
+    std::array::from_fn(|k| a[k] * (1.0 - weight) + b[k] * weight)
+}

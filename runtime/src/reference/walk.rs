@@ -1,0 +1,373 @@
+//! One ray through one tree, segment by segment.
+//!
+//! A segment is where one formula holds: a constant node, or one voxel of a brick. Its level and the weight of the two
+//! mixed levels are those of its start. Segments end at box planes ([`super::cells`]) or at the depth where another
+//! level is wanted; both move strictly forward, so a ray ends after at most as many segments as the lattice has planes
+//! and the tree levels. Plain values: any thread.
+
+use brickfell_formats::octree::octant;
+use glam::DVec3;
+
+use super::ReferenceError;
+use super::cells::{CellBox, Trail};
+use super::sampling::{Layer, Shading, Shown, Value, mix};
+use super::tree::Tree;
+use crate::picture::RayCounters;
+
+/// A ray: `eye + z * direction`, where z is depth along the camera's axis in metres.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ray {
+    /// Where it starts, world metres.
+    pub(super) eye: DVec3,
+    /// World metres per metre of depth.
+    pub(super) direction: DVec3,
+    /// Length of the direction.
+    pub(super) length: f64,
+    /// Footprint of a pixel times 2^bias, metres per metre of depth.
+    pub(super) footprint: f64,
+    /// Mix the two levels around the wanted one.
+    pub(super) mix_levels: bool,
+    /// The light.
+    pub(super) shading: Shading,
+}
+
+/// The part of a ray inside a tree's box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Passage {
+    /// Depth at which the ray enters, metres, not below 0.
+    pub(super) enter: f64,
+    /// Depth at which it leaves.
+    pub(super) leave: f64,
+}
+
+impl Passage {
+    /// The passage of a ray through a tree, `None` if it has no length.
+    pub(super) fn through(tree: &Tree, ray: &Ray) -> Option<Self> {
+        let [lo, hi] = tree.header.bounds();
+        let (mut enter, mut leave) = (0f64, f64::INFINITY);
+        for axis in 0..3 {
+            let (p, d) = (ray.eye[axis], ray.direction[axis]);
+            if d == 0.0 {
+                if !(lo[axis] <= p && p < hi[axis]) {
+                    return None;
+                }
+            } else {
+                let (a, b) = ((lo[axis] - p) / d, (hi[axis] - p) / d);
+                enter = enter.max(a.min(b));
+                leave = leave.min(a.max(b));
+            }
+        }
+        (enter < leave && leave.is_finite()).then_some(Self { enter, leave })
+    }
+}
+
+/// Transmittance below which a ray is taken to be opaque.
+const OPAQUE: f64 = 1.0 / 1024.0;
+
+/// What a ray has gathered, front to back.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Transport {
+    color: DVec3,
+    transmittance: f64,
+    /// Counts of this ray; `rays_hit`, `capped` and `not_finite` are not used.
+    pub(super) counters: RayCounters,
+    /// Trees in which the segment cap stopped the ray.
+    pub(super) capped: u64,
+}
+
+impl Default for Transport {
+    fn default() -> Self {
+        Self {
+            color: DVec3::ZERO,
+            transmittance: 1.0,
+            counters: RayCounters::default(),
+            capped: 0,
+        }
+    }
+}
+
+impl Transport {
+    /// True once nothing behind can be seen.
+    pub(super) fn saturated(&self) -> bool {
+        self.transmittance == 0.0
+    }
+
+    /// Premultiplied linear colour and alpha.
+    pub(super) fn rgba(&self) -> [f64; 4] {
+        [self.color.x, self.color.y, self.color.z, 1.0 - self.transmittance]
+    }
+
+    fn under(&mut self, [r, g, b, a]: Layer) {
+        self.color += DVec3::new(r, g, b) * self.transmittance;
+        self.transmittance *= 1.0 - a;
+        if self.transmittance < OPAQUE {
+            self.color /= 1.0 - self.transmittance;
+            self.transmittance = 0.0;
+        }
+    }
+}
+
+/// The node a descent ended at.
+struct Place<'t> {
+    level: u8,
+    /// The level that was asked for.
+    wanted: u8,
+    terminal: bool,
+    bounds: CellBox,
+    shown: Shown<'t>,
+    /// What the parent shows, where the node can be mixed with it.
+    parent: Option<Shown<'t>>,
+}
+
+impl Place<'_> {
+    /// True if a descent to `wanted` at `cell` would end at this node again, with the same parent.
+    fn serves(&self, cell: glam::I64Vec3, wanted: u8) -> bool {
+        self.bounds.contains(cell) && (wanted == self.wanted || self.terminal && wanted > self.level)
+    }
+}
+
+/// How far a segment goes and what it shows.
+struct Segment {
+    /// The box it ends with.
+    bounds: CellBox,
+    /// Depth at which it ends at the latest.
+    until: f64,
+    /// A box that it ends on entering.
+    inner: Option<CellBox>,
+    /// The value all along it, or `None` if its middle is to be sampled.
+    uniform: Option<Value>,
+}
+
+/// One ray in one tree.
+pub(super) struct Walk<'t, 'r> {
+    tree: &'t Tree,
+    ray: &'r Ray,
+    passage: Passage,
+    trail: Trail,
+    /// Depth reached.
+    z: f64,
+    /// Level wanted there; it only falls.
+    wanted: u8,
+}
+
+impl<'t, 'r> Walk<'t, 'r> {
+    /// A ray at the start of its passage.
+    pub(super) fn new(tree: &'t Tree, ray: &'r Ray, passage: Passage) -> Self {
+        let header = &tree.header;
+        let trail = Trail::new(
+            (ray.eye - header.origin) / header.voxel_size,
+            ray.direction / header.voxel_size,
+            passage.enter,
+            header.side_voxels() as i64,
+        );
+        Self {
+            tree,
+            ray,
+            passage,
+            trail,
+            z: passage.enter,
+            wanted: header.depth,
+        }
+    }
+
+    /// Most segments a ray can have: one per plane of the finest lattice and one per level, with room to spare.
+    fn cap(&self) -> u64 {
+        3 * self.tree.header.side_voxels() + 2 * u64::from(self.tree.header.depth) + 16
+    }
+
+    /// Gathers what the tree adds to the ray, until the ray leaves it or is opaque.
+    pub(super) fn run(mut self, transport: &mut Transport) -> Result<(), ReferenceError> {
+        let side = self.tree.header.side_voxels() as i64;
+        let root = CellBox::around(glam::I64Vec3::ZERO, side);
+        let mut last: Option<Place<'t>> = None;
+        for _ in 0..self.cap() {
+            if self.z >= self.passage.leave || !root.contains(self.trail.cell()) {
+                return Ok(());
+            }
+            let weight = self.choose_level();
+            let place = match last.take().filter(|p| p.serves(self.trail.cell(), self.wanted)) {
+                Some(place) => last.insert(place),
+                None => last.insert(self.descend(&mut transport.counters)?),
+            };
+            let pair = weight.zip(place.parent.as_ref());
+            let segment = self.segment(place, pair.map(|(_, parent)| parent));
+            let mut end = self
+                .trail
+                .exit(&segment.bounds)
+                .min(segment.until)
+                .min(self.passage.leave);
+            let entry = segment
+                .inner
+                .and_then(|inner| Some((inner, self.trail.entry(&inner)?)));
+            if let Some((_, depth)) = entry {
+                end = end.min(depth);
+            }
+            let end = end.max(self.z);
+            if end > self.z {
+                let layer = match &segment.uniform {
+                    Some(value) => self.layer(value, place.level, end),
+                    None => self.sampled(place, pair, end, &mut transport.counters),
+                };
+                transport.under(layer);
+                if transport.saturated() {
+                    return Ok(());
+                }
+            }
+            self.trail.advance(end, &segment.bounds);
+            if let Some((inner, depth)) = entry
+                && depth <= end
+            {
+                self.trail.enter(&inner);
+            }
+            self.z = end;
+        }
+        transport.capped += 1;
+        Ok(())
+    }
+
+    /// Cells of the finest level along a voxel's side.
+    fn voxel(&self, level: u8) -> i64 {
+        1 << (self.tree.header.depth - level)
+    }
+
+    /// Depth at which the footprint is a voxel of a level.
+    fn fits(&self, level: u8) -> f64 {
+        self.tree.header.level_voxel_size(level) / self.ray.footprint
+    }
+
+    /// Sets the level that is wanted here, the finer of two mixed ones, and gives its weight; `None` if it stands
+    /// alone.
+    fn choose_level(&mut self) -> Option<f64> {
+        // Half a level coarser at half the depth: rounding instead of mixing.
+        let scale = if self.ray.mix_levels {
+            1.0
+        } else {
+            std::f64::consts::FRAC_1_SQRT_2
+        };
+        while self.wanted > 0 && self.z >= self.fits(self.wanted - 1) * scale {
+            self.wanted -= 1;
+        }
+        if !self.ray.mix_levels || self.wanted == 0 || self.z < self.fits(self.wanted) {
+            return None;
+        }
+        let lambda = (self.tree.header.level_voxel_size(0) / (self.ray.footprint * self.z)).log2();
+        Some((lambda - f64::from(self.wanted - 1)).clamp(0.0, 1.0))
+    }
+
+    /// Walks from the root to the node of the ray's cell.
+    fn descend(&self, counters: &mut RayCounters) -> Result<Place<'t>, ReferenceError> {
+        let cell = self.trail.cell();
+        let size = |level: u8| 8 * self.voxel(level);
+        let (mut level, mut parent) = (0u8, None);
+        let mut node = self.tree.node(0, 0)?;
+        counters.nodes += 1;
+        while level < self.wanted
+            && let Some(tile) = node.children()
+        {
+            parent = Some((level, node));
+            level += 1;
+            let here = CellBox::around(cell, size(level)).lo / size(level);
+            node = self
+                .tree
+                .node(level, tile as usize * 8 + octant(here.as_uvec3()) as usize)?;
+            counters.nodes += 1;
+        }
+        let parent = match parent {
+            Some((l, n)) if self.ray.mix_levels && level == self.wanted => {
+                Some(Shown::fetch(self.tree, l, n.data())?)
+            }
+            _ => None,
+        };
+        Ok(Place {
+            level,
+            wanted: self.wanted,
+            terminal: node.children().is_none(),
+            bounds: CellBox::around(cell, size(level)),
+            shown: Shown::fetch(self.tree, level, node.data())?,
+            parent,
+        })
+    }
+
+    /// The segment that starts here; `parent` is what is mixed in.
+    fn segment(&self, place: &Place, parent: Option<&Shown>) -> Segment {
+        let cell = self.trail.cell();
+        let sampled = |level: u8, inner| Segment {
+            bounds: CellBox::around(cell, self.voxel(level)),
+            until: f64::INFINITY,
+            inner,
+            uniform: None,
+        };
+        let uniform = |bounds, until, value| Segment {
+            bounds,
+            until,
+            inner: None,
+            uniform: Some(value),
+        };
+        let Shown::Constant(value) = place.shown else {
+            return sampled(place.level, None);
+        };
+        let Some(parent) = parent else {
+            // Where the data ends above the wanted level, its parent comes in when the footprint has grown.
+            let until = if self.wanted > place.level {
+                self.fits(place.level)
+            } else {
+                f64::INFINITY
+            };
+            return uniform(place.bounds, until, value);
+        };
+        let coarser = place.level - 1;
+        match parent {
+            Shown::Constant(p) if p.alpha == 0.0 && value.alpha == 0.0 => {
+                uniform(place.bounds, self.fits(coarser), value)
+            }
+            Shown::Constant(_) => sampled(coarser, None),
+            Shown::Brick(_) => {
+                // Parent samples that touch what lies outside reach into the node by the rim only.
+                let rim = self.tree.header.layout.rim() * self.voxel(coarser) as f64;
+                let inner = place.bounds.shrunk(rim as i64);
+                if inner.contains(cell) {
+                    uniform(inner, self.fits(coarser), value)
+                } else {
+                    sampled(coarser, Some(inner))
+                }
+            }
+        }
+    }
+
+    /// What a segment from here to `end` adds if it has one value of a level.
+    fn layer(&self, value: &Value, level: u8, end: f64) -> Layer {
+        let header = &self.tree.header;
+        let voxels = (end - self.z) * self.ray.length / header.level_voxel_size(level);
+        self.ray.shading.layer(value, f64::from(header.gain), voxels)
+    }
+
+    /// What a segment from here to `end` adds, by the values in its middle; `pair` is the node's weight and its parent.
+    fn sampled(
+        &self,
+        place: &Place,
+        pair: Option<(f64, &Shown)>,
+        end: f64,
+        counters: &mut RayCounters,
+    ) -> Layer {
+        let p = self.trail.at(self.z + 0.5 * (end - self.z));
+        let reads_before = counters.texture_reads;
+        let mut at = |shown: &Shown, level: u8| {
+            let voxel = self.voxel(level);
+            let corner = CellBox::around(place.bounds.lo, 8 * voxel).lo;
+            let value = shown.value(
+                (p - corner.as_dvec3()) / voxel as f64,
+                &mut counters.texture_reads,
+            );
+            self.layer(&value, level, end)
+        };
+        let fine = at(&place.shown, place.level);
+        let layer = match pair {
+            Some((weight, parent)) => mix(&at(parent, place.level - 1), &fine, weight),
+            None => fine,
+        };
+        if counters.texture_reads > reads_before {
+            counters.samples += 1;
+        }
+        layer
+    }
+}
