@@ -1,5 +1,26 @@
 //! GPU runtime of brickfell: pools, uploads, ray caster, feedback and frame loop, and the CPU reference.
+//!
+//! | module | what | thread |
+//! |---|---|---|
+//! | [`terrain`] | a scene opened through a store | any |
+//! | [`renderer`] | the frame loop | render |
+//! | [`node_lists`] | node list processors: requests to chains of nodes | their own |
+//! | [`texture_pool`] | texture pool manager: which tiles and bricks are in the pools | render |
+//! | [`memory`] | the pools on the device, uploads | render |
+//! | [`caster`] | ray caster, compaction, ring of read-backs | render |
+//! | [`bias`] | footprint bias that keeps the working set in the pool | render |
+//! | [`mod@reference`] | the CPU reference: the same rules in f64 by other code | any, parallel inside |
+//! | [`gpu`], [`picture`], [`settings`], [`error`] | device, pictures, settings, errors | any |
 
+pub mod bias;
+pub mod caster;
+pub mod error;
+pub mod gpu;
+pub mod memory;
+pub mod node_lists;
 pub mod picture;
 pub mod reference;
+pub mod renderer;
 pub mod settings;
+pub mod terrain;
+pub mod texture_pool;

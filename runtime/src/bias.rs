@@ -1,0 +1,71 @@
+//! The one owner of the footprint bias that keeps the working set inside the pool (design §8).
+//!
+//! `demand` is what the last frame's rays used and lacked, in bricks. Above 90 % of the pool the bias rises by half the
+//! binary logarithm of the excess (a bias of one halves the resolution: a quarter of the bricks on a surface). It falls
+//! only below 70 %, and never while the camera rests, because a plain integrator cycles for ever. Called by the render
+//! thread, once for each read-back.
+
+use brickfell_culler::Camera;
+
+const HIGH: f64 = 0.9;
+const LOW: f64 = 0.7;
+/// Frames between two changes: the read-back's latency and one more.
+const SETTLE_FRAMES: u32 = 4;
+const MAX: f64 = 12.0;
+
+/// Raises and lowers the bias.
+#[derive(Clone, Debug, Default)]
+pub struct BiasController {
+    extra: f64,
+    changed: u32,
+    camera: Option<Camera>,
+}
+
+impl BiasController {
+    /// What is added to the wanted bias.
+    pub fn extra(&self) -> f64 {
+        self.extra
+    }
+
+    /// Looks at a frame's demand and capacity, both in the same unit, for each resource; the scarcest decides.
+    pub fn update(&mut self, frame: u32, camera: &Camera, demands: &[(f64, f64)]) {
+        let load = demands.iter().map(|(demand, capacity)| demand / capacity.max(1.0)).fold(0.0, f64::max);
+        let rests = self.camera.replace(*camera) == Some(*camera);
+        if frame.saturating_sub(self.changed) < SETTLE_FRAMES {
+            return;
+        }
+        if load > HIGH {
+            self.extra = (self.extra + 0.5 * (load / HIGH).log2()).min(MAX);
+            self.changed = frame;
+        } else if load < LOW && self.extra > 0.0 && !rests {
+            self.extra = (self.extra - 0.5 * (LOW / load.max(0.01)).log2()).max(0.0);
+            self.changed = frame;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    fn camera(x: f64) -> Camera {
+        Camera::look_at(DVec3::new(x, 0.0, 0.0), DVec3::new(x, 1.0, 0.0), 60.0, 8, 8).unwrap()
+    }
+
+    #[test]
+    fn a_working_set_of_four_pools_settles_at_rest_and_recovers_in_motion() {
+        let mut bias = BiasController::default();
+        let mut changes = 0;
+        for frame in 1..400 {
+            let before = bias.extra();
+            bias.update(frame, &camera(0.0), &[(4000.0 / 4f64.powf(before), 1000.0)]);
+            changes += u32::from(bias.extra() != before);
+        }
+        assert!(changes < 10 && 4000.0 / 4f64.powf(bias.extra()) <= 900.0 + 1e-6, "{bias:?}");
+        for frame in 400..800 {
+            bias.update(frame, &camera(f64::from(frame)), &[(100.0 / 4f64.powf(bias.extra()), 1000.0)]);
+        }
+        assert_eq!(bias.extra(), 0.0);
+    }
+}

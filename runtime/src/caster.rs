@@ -1,0 +1,386 @@
+//! The ray caster and the compaction of its feedback, encoded: pipelines, the buffers of a picture size, and the ring of
+//! read-back buffers that nobody waits for.
+//!
+//! Called by the render thread. A ring entry is in flight from its submission until its mapping callback has run; when all
+//! entries are in flight a frame goes without read-back.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+use brickfell_shaders::layout::{self, COUNTER_WORDS, Request};
+use brickfell_shaders::{CAST, COMPACT};
+
+use crate::error::RuntimeError;
+use crate::gpu::Gpu;
+use crate::memory::PoolMemory;
+use crate::picture::{Picture, RayCounters};
+
+/// Requests that fit a read-back.
+pub const REQUEST_CAPACITY: u32 = 8192;
+/// Trees that fit a frame's list (a request names a tree in 16 bits, 0 for none).
+pub const MAX_TREES: usize = 65_535;
+
+const RING: usize = 3;
+const QUERIES: u32 = 6;
+
+/// What a frame's rays reported.
+#[derive(Clone, Debug, Default)]
+pub struct Feedback {
+    /// The frame.
+    pub frame: u32,
+    /// What rays lacked, without repetitions inside a tile of 8×8 pixels.
+    pub requests: Vec<Request>,
+    /// Requests made, those that did not fit counted too.
+    pub request_count: u32,
+    /// One bit for each brick slot that was used.
+    pub used_bricks: Vec<u32>,
+    /// One bit for each node tile that was used.
+    pub used_tiles: Vec<u32>,
+    /// Sums over the rays.
+    pub counters: RayCounters,
+    /// Milliseconds on the device: upload, cast, compaction; 0 where the device has no timestamps.
+    pub gpu_ms: [f64; 3],
+}
+
+#[derive(Debug)]
+struct RingEntry {
+    buffer: wgpu::Buffer,
+    // 0 free, 1 in flight, 2 mapped, 3 failed
+    state: Arc<AtomicU8>,
+    frame: u32,
+}
+
+/// Buffers that depend on the picture's size.
+#[derive(Debug)]
+struct Target {
+    width: u32,
+    height: u32,
+    output: wgpu::Texture,
+    cast: wgpu::BindGroup,
+    compact_pixels: wgpu::BindGroup,
+}
+
+/// Pipelines and per-frame buffers of the ray caster.
+#[derive(Debug)]
+pub struct Caster {
+    cast: wgpu::ComputePipeline,
+    compact_pixels: wgpu::ComputePipeline,
+    compact_usage: wgpu::ComputePipeline,
+    uniform: wgpu::Buffer,
+    trees: wgpu::Buffer,
+    sampler: wgpu::Sampler,
+    counters: wgpu::Buffer,
+    requests: wgpu::Buffer,
+    used: wgpu::Buffer,
+    usage_bindings: wgpu::BindGroup,
+    usage_words: u32,
+    queries: Option<wgpu::QuerySet>,
+    query_buffer: wgpu::Buffer,
+    ring: Vec<RingEntry>,
+    target: Option<Target>,
+}
+
+impl Caster {
+    /// Compiles the kernels for the pools.
+    ///
+    /// # Errors
+    /// If the device reports an error.
+    pub fn new(gpu: &Gpu, pools: &PoolMemory) -> Result<Self, RuntimeError> {
+        use wgpu::BufferUsages as B;
+        let cast = gpu.compute_pipeline("cast", CAST, "cast_rays");
+        let compact_pixels = gpu.compute_pipeline("compact pixels", COMPACT, "compact_pixels");
+        let compact_usage = gpu.compute_pipeline("compact usage", COMPACT, "compact_usage");
+        let usage_words = pools.sizes.bricks().div_ceil(32) + pools.sizes.tiles.div_ceil(32);
+        let uniform = gpu.buffer("frame", size_of::<layout::Frame>() as u64, B::UNIFORM | B::COPY_DST);
+        let trees =
+            gpu.buffer("trees", (MAX_TREES * size_of::<layout::Tree>()) as u64, B::STORAGE | B::COPY_DST);
+        let read = B::STORAGE | B::COPY_SRC | B::COPY_DST;
+        let counters = gpu.buffer("counters", COUNTER_WORDS as u64 * 4, read);
+        let requests = gpu.buffer("requests", u64::from(REQUEST_CAPACITY) * 16, read);
+        let used = gpu.buffer("used", u64::from(usage_words) * 4, read);
+        let usage_bindings = gpu.bind(
+            &compact_usage,
+            &[
+                (0, uniform.as_entire_binding()),
+                (2, pools.brick_stamps.as_entire_binding()),
+                (3, pools.tile_stamps.as_entire_binding()),
+                (6, used.as_entire_binding()),
+            ],
+        );
+        let queries = gpu.timestamp_period.map(|_| {
+            gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("stages"),
+                ty: wgpu::QueryType::Timestamp,
+                count: QUERIES,
+            })
+        });
+        let query_buffer = gpu.buffer("stage times", u64::from(QUERIES) * 8, B::QUERY_RESOLVE | B::COPY_SRC);
+        let size = counters.size() + requests.size() + used.size() + query_buffer.size();
+        let ring = (0..RING)
+            .map(|_| RingEntry {
+                buffer: gpu.buffer("read-back", size, B::MAP_READ | B::COPY_DST),
+                state: Arc::new(AtomicU8::new(0)),
+                frame: 0,
+            })
+            .collect();
+        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("trilinear"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
+        gpu.check()?;
+        Ok(Self {
+            cast,
+            compact_pixels,
+            compact_usage,
+            uniform,
+            trees,
+            sampler,
+            counters,
+            requests,
+            used,
+            usage_bindings,
+            usage_words,
+            queries,
+            query_buffer,
+            ring,
+            target: None,
+        })
+    }
+
+    /// Bytes on the device, the pools' not counted.
+    pub fn bytes(&self) -> u64 {
+        let fixed = self.trees.size() + self.requests.size() + self.used.size();
+        let ring: u64 = self.ring.iter().map(|r| r.buffer.size()).sum();
+        let pixels = self.target.as_ref().map_or(0, |t| u64::from(t.width) * u64::from(t.height) * 32);
+        fixed + ring + pixels
+    }
+
+    /// Makes the buffers fit a picture size.
+    ///
+    /// # Errors
+    /// If the size is zero or beyond the device's limits.
+    pub fn resize(&mut self, gpu: &Gpu, pools: &PoolMemory, width: u32, height: u32) -> Result<(), RuntimeError> {
+        if self.target.as_ref().is_some_and(|t| (t.width, t.height) == (width, height)) {
+            return Ok(());
+        }
+        let limits = gpu.device.limits();
+        let refuse = |reason: String| Err(RuntimeError::Size { width, height, reason });
+        if width == 0 || height == 0 {
+            return refuse("it has no pixel".into());
+        }
+        if width.max(height) > limits.max_texture_dimension_2d {
+            return refuse(format!("this device draws up to {} per axis", limits.max_texture_dimension_2d));
+        }
+        let feedback_bytes = u64::from(width) * u64::from(height) * 16;
+        if feedback_bytes > limits.max_storage_buffer_binding_size as u64 {
+            return refuse(format!("its feedback needs {feedback_bytes} bytes in one binding"));
+        }
+        let output = gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("picture"),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba32Float,
+            usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        let feedback = gpu.buffer("feedback", feedback_bytes, wgpu::BufferUsages::STORAGE);
+        let cast = gpu.bind(
+            &self.cast,
+            &[
+                (0, self.uniform.as_entire_binding()),
+                (1, self.trees.as_entire_binding()),
+                (2, pools.nodes.as_entire_binding()),
+                (3, wgpu::BindingResource::TextureView(&pools.color)),
+                (4, wgpu::BindingResource::TextureView(&pools.normal)),
+                (5, wgpu::BindingResource::Sampler(&self.sampler)),
+                (6, pools.brick_stamps.as_entire_binding()),
+                (7, pools.tile_stamps.as_entire_binding()),
+                (8, feedback.as_entire_binding()),
+                (9, wgpu::BindingResource::TextureView(&output.create_view(&Default::default()))),
+            ],
+        );
+        let compact_pixels = gpu.bind(
+            &self.compact_pixels,
+            &[
+                (0, self.uniform.as_entire_binding()),
+                (1, feedback.as_entire_binding()),
+                (4, self.counters.as_entire_binding()),
+                (5, self.requests.as_entire_binding()),
+            ],
+        );
+        gpu.check()?;
+        self.target = Some(Target { width, height, output, cast, compact_pixels });
+        Ok(())
+    }
+
+    /// Timestamps of stage k (0 upload, 1 cast, 2 compaction).
+    pub fn timestamps(&self, stage: u32) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
+        self.queries.as_ref().map(|query_set| wgpu::ComputePassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: Some(stage * 2),
+            end_of_pass_write_index: Some(stage * 2 + 1),
+        })
+    }
+
+    /// Encodes the cast and the compaction, and the copy to a free ring entry; returns that entry.
+    pub fn encode(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        frame: &layout::Frame,
+        trees: &[layout::Tree],
+    ) -> Option<usize> {
+        let target = self.target.as_ref()?;
+        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(frame));
+        gpu.queue.write_buffer(&self.trees, 0, bytemuck::cast_slice(trees));
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("cast"),
+                timestamp_writes: self.timestamps(1),
+            });
+            pass.set_pipeline(&self.cast);
+            pass.set_bind_group(0, &target.cast, &[]);
+            pass.dispatch_workgroups(target.width.div_ceil(8), target.height.div_ceil(8), 1);
+        }
+        let entry = self.ring.iter().position(|r| r.state.load(Ordering::Acquire) == 0)?;
+        encoder.clear_buffer(&self.counters, 0, None);
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("compact"),
+                timestamp_writes: self.timestamps(2),
+            });
+            pass.set_pipeline(&self.compact_pixels);
+            pass.set_bind_group(0, &target.compact_pixels, &[]);
+            let tiles = target.width.div_ceil(8) * target.height.div_ceil(8);
+            pass.dispatch_workgroups(tiles.div_ceil(64), 1, 1);
+            pass.set_pipeline(&self.compact_usage);
+            pass.set_bind_group(0, &self.usage_bindings, &[]);
+            pass.dispatch_workgroups(self.usage_words.div_ceil(64), 1, 1);
+        }
+        if let Some(queries) = &self.queries {
+            encoder.resolve_query_set(queries, 0..QUERIES, &self.query_buffer, 0);
+        }
+        let ring = &mut self.ring[entry];
+        let mut at = 0;
+        for part in [&self.counters, &self.query_buffer, &self.used, &self.requests] {
+            encoder.copy_buffer_to_buffer(part, 0, &ring.buffer, at, part.size());
+            at += part.size();
+        }
+        ring.frame = frame.frame;
+        Some(entry)
+    }
+
+    /// To be called after the submission of what [`Self::encode`] recorded.
+    pub fn submitted(&mut self, entry: usize) {
+        let ring = &mut self.ring[entry];
+        ring.state.store(1, Ordering::Release);
+        let state = Arc::clone(&ring.state);
+        ring.buffer
+            .slice(..)
+            .map_async(wgpu::MapMode::Read, move |r| state.store(if r.is_ok() { 2 } else { 3 }, Ordering::Release));
+    }
+
+    /// Takes what has arrived, oldest first, without waiting.
+    pub fn collect(&mut self, gpu: &Gpu, pools: &PoolMemory) -> Vec<Feedback> {
+        // A failed poll shows as a device error at the next check.
+        let _ = gpu.device.poll(wgpu::PollType::Poll);
+        let mut arrived = Vec::new();
+        for ring in &mut self.ring {
+            match ring.state.load(Ordering::Acquire) {
+                2 => {
+                    if let Ok(view) = ring.buffer.slice(..).get_mapped_range() {
+                        let sizes = [self.counters.size(), self.query_buffer.size(), self.used.size()];
+                        arrived.push(parse(ring.frame, &view, sizes, gpu.timestamp_period, pools));
+                    }
+                    ring.buffer.unmap();
+                    ring.state.store(0, Ordering::Release);
+                }
+                3 => ring.state.store(0, Ordering::Release),
+                _ => {}
+            }
+        }
+        arrived.sort_by_key(|f| f.frame);
+        arrived
+    }
+
+    /// Copies the last picture back and waits for it.
+    ///
+    /// # Errors
+    /// If nothing was drawn yet or the device failed.
+    pub fn read_picture(&self, gpu: &Gpu) -> Result<Picture, RuntimeError> {
+        let Some(target) = &self.target else {
+            return Err(RuntimeError::Device("no picture was drawn yet".into()));
+        };
+        let row = (target.width * 16).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let buffer = gpu.buffer(
+            "picture read-back",
+            u64::from(row) * u64::from(target.height),
+            wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+        );
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        encoder.copy_texture_to_buffer(
+            target.output.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(row),
+                    rows_per_image: None,
+                },
+            },
+            target.output.size(),
+        );
+        gpu.queue.submit([encoder.finish()]);
+        buffer.slice(..).map_async(wgpu::MapMode::Read, |_| {});
+        gpu.wait()?;
+        let view = buffer.slice(..).get_mapped_range().map_err(|e| RuntimeError::Device(e.to_string()))?;
+        let pixels = view
+            .chunks_exact(row as usize)
+            .flat_map(|line| line[..target.width as usize * 16].chunks_exact(16))
+            .map(bytemuck::pod_read_unaligned)
+            .collect();
+        Ok(Picture { width: target.width, height: target.height, pixels })
+    }
+}
+
+fn parse(frame: u32, bytes: &[u8], sizes: [u64; 3], period: Option<f32>, pools: &PoolMemory) -> Feedback {
+    let words = |range: std::ops::Range<usize>| -> Vec<u32> {
+        bytes[range].chunks_exact(4).map(bytemuck::pod_read_unaligned).collect()
+    };
+    let [counters, queries, used] = sizes.map(|s| s as usize);
+    let c = words(0..counters);
+    let ticks: Vec<u64> =
+        bytes[counters..counters + queries].chunks_exact(8).map(bytemuck::pod_read_unaligned).collect();
+    let used_words = words(counters + queries..counters + queries + used);
+    let brick_words = pools.sizes.bricks().div_ceil(32) as usize;
+    let tile_words = pools.sizes.tiles.div_ceil(32) as usize;
+    let count = c[layout::COUNTER_REQUESTS].min(REQUEST_CAPACITY) as usize;
+    let at = counters + queries + used;
+    let requests = bytes[at..at + count * 16]
+        .chunks_exact(16)
+        .filter_map(|b| Request::unpack(bytemuck::pod_read_unaligned(&b[..12])))
+        .collect();
+    let stage = |k: usize| {
+        period.map_or(0.0, |p| ticks[k * 2 + 1].saturating_sub(ticks[k * 2]) as f64 * f64::from(p) * 1e-6)
+    };
+    Feedback {
+        frame,
+        requests,
+        request_count: c[layout::COUNTER_REQUESTS],
+        used_bricks: used_words[..brick_words].to_vec(),
+        used_tiles: used_words[brick_words..brick_words + tile_words].to_vec(),
+        counters: RayCounters {
+            rays_hit: c[layout::COUNTER_HITS].into(),
+            nodes: c[layout::COUNTER_NODES].into(),
+            samples: c[layout::COUNTER_SAMPLES].into(),
+            texture_reads: c[layout::COUNTER_READS].into(),
+            capped: c[layout::COUNTER_CAPPED].into(),
+            not_finite: c[layout::COUNTER_NOT_FINITE].into(),
+        },
+        gpu_ms: [stage(0), stage(1), stage(2)],
+    }
+}

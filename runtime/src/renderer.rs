@@ -1,0 +1,491 @@
+//! The frame loop: the one code that flies, renders, benches and shows a window.
+//!
+//! A frame, on the render thread (design §3): take what read-backs arrived, publish finished loads, cull, make resident what
+//! rays asked for, upload, cast, compact, start the next read-back. Nothing in [`Renderer::frame`] waits for a disk or for
+//! the device. [`Renderer::settle`] repeats frames, and does wait, until a picture has all it asks for.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use brickfell_culler::{Camera, Culler, TreeId};
+use brickfell_formats::octree::TreeHeader;
+use brickfell_pager::{PageFault, PageKey, Pager, PagerConfig, PagerStats, Store};
+use brickfell_shaders::layout;
+
+use crate::bias::BiasController;
+use crate::caster::{Caster, Feedback, MAX_TREES};
+use crate::error::RuntimeError;
+use crate::gpu::Gpu;
+use crate::memory::{MAX_UPLOAD_BRICKS, PoolMemory, PoolSizes};
+use crate::node_lists::{ActiveTree, NodeList, NodeListProcessors};
+use crate::picture::Picture;
+use crate::settings::RenderSettings;
+use crate::terrain::Terrain;
+use crate::texture_pool::{Outcome, TexturePoolManager};
+
+/// Frames after which an unseen tree is released.
+const TREE_KEEP_FRAMES: u64 = 300;
+/// Milliseconds of a real-time frame that uploads may take.
+const UPLOAD_BUDGET_MS: f64 = 4.0;
+/// Most frames that a picture may take to settle.
+const SETTLE_LIMIT: u32 = 600;
+/// Longest wait for loads before the picture is drawn again, while settling.
+const LOAD_WAIT: Duration = Duration::from_secs(5);
+
+/// Budgets and threads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RendererConfig {
+    /// Bytes that the pager may hold in RAM.
+    pub ram_budget: u64,
+    /// Bytes for the pools on the device.
+    pub gpu_budget: u64,
+    /// Threads that load.
+    pub loader_threads: usize,
+}
+
+impl Default for RendererConfig {
+    fn default() -> Self {
+        Self { ram_budget: 1 << 30, gpu_budget: 512 << 20, loader_threads: 2 }
+    }
+}
+
+/// What a frame did. Times in milliseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrameReport {
+    /// Number of the frame, from 1.
+    pub frame: u32,
+    /// Trees in view.
+    pub trees_visible: usize,
+    /// Of those, trees that were drawn.
+    pub trees_active: usize,
+    /// Trees in view whose roots are still on the way.
+    pub trees_waiting: usize,
+    /// Bricks in the pool.
+    pub bricks_resident: u32,
+    /// Bricks uploaded.
+    pub uploads: usize,
+    /// Node words uploaded.
+    pub node_updates: usize,
+    /// Bytes uploaded.
+    pub bytes_uploaded: u64,
+    /// Pages and bricks asked for that are not there yet.
+    pub pending: usize,
+    /// Bias in effect, the user's and the controller's.
+    pub bias: f64,
+    /// Publishing finished loads.
+    pub merge_ms: f64,
+    /// Culling and ordering.
+    pub cull_ms: f64,
+    /// Making resident, staging uploads.
+    pub upload_ms: f64,
+    /// Taking read-backs.
+    pub readback_ms: f64,
+    /// Encoding and submitting.
+    pub submit_ms: f64,
+    /// The whole call.
+    pub cpu_ms: f64,
+}
+
+/// Draws a terrain.
+#[derive(Debug)]
+pub struct Renderer {
+    gpu: Arc<Gpu>,
+    terrain: Terrain,
+    culler: Culler,
+    pager: Pager,
+    processors: NodeListProcessors,
+    memory: PoolMemory,
+    pool: TexturePoolManager,
+    caster: Caster,
+    bias: BiasController,
+    frame: u32,
+    list: NodeList,
+    feedback: Feedback,
+    outcome: Outcome,
+    /// Trees of frames whose read-back is not here yet.
+    in_flight: Vec<(u32, Arc<[ActiveTree]>)>,
+    /// Of the last feedback, to resolve again when more levels are in RAM.
+    feedback_trees: Arc<[ActiveTree]>,
+    tree_used: Vec<u64>,
+    ms_per_brick: f64,
+    faults: Vec<String>,
+}
+
+struct Prepared {
+    report: FrameReport,
+    encoder: wgpu::CommandEncoder,
+    records: Vec<layout::Tree>,
+    active: Vec<ActiveTree>,
+    start: Instant,
+}
+
+fn ms(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}
+
+impl Renderer {
+    /// Opens the pools and starts the threads for a terrain.
+    ///
+    /// # Errors
+    /// If the pools do not fit the budget or the device, or no thread can be started.
+    pub fn new(
+        gpu: Arc<Gpu>,
+        store: Arc<dyn Store>,
+        terrain: Terrain,
+        config: RendererConfig,
+    ) -> Result<Self, RuntimeError> {
+        let sizes = PoolSizes::fit(config.gpu_budget, terrain.layout, &gpu.device.limits())?;
+        let memory = PoolMemory::new(&gpu, sizes)?;
+        let caster = Caster::new(&gpu, &memory)?;
+        let pager = Pager::new(
+            store,
+            terrain.trees.clone(),
+            PagerConfig { budget_bytes: config.ram_budget, threads: config.loader_threads, ..Default::default() },
+        );
+        let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+        let processors = NodeListProcessors::new(cores.saturating_sub(2))
+            .map_err(|e| RuntimeError::Device(format!("no thread can be started: {e}")))?;
+        let faults = terrain.faults.clone();
+        Ok(Self {
+            gpu,
+            culler: Culler::new(),
+            pager,
+            processors,
+            memory,
+            pool: TexturePoolManager::new(sizes),
+            caster,
+            bias: BiasController::default(),
+            frame: 0,
+            list: NodeList::default(),
+            feedback: Feedback::default(),
+            outcome: Outcome::default(),
+            in_flight: Vec::new(),
+            feedback_trees: Arc::from([]),
+            tree_used: vec![0; terrain.trees.len()],
+            ms_per_brick: 0.01,
+            faults,
+            terrain,
+        })
+    }
+
+    /// Draws one picture with what is there, without waiting for anything.
+    ///
+    /// # Errors
+    /// If the picture's size cannot be drawn or the device failed.
+    pub fn frame(&mut self, camera: &Camera, settings: &RenderSettings) -> Result<FrameReport, RuntimeError> {
+        let limit = (UPLOAD_BUDGET_MS / self.ms_per_brick).clamp(1.0, MAX_UPLOAD_BRICKS as f64) as usize;
+        let prepared = self.prepare(camera, settings, limit)?;
+        self.draw(camera, settings, prepared)
+    }
+
+    /// Draws frames until one is settled: two in a row that were read back without a request, load or upload and with an
+    /// unchanged bias. Returns the last one's report and the number of frames.
+    ///
+    /// # Errors
+    /// If the picture does not settle, or as [`Self::frame`].
+    pub fn settle(
+        &mut self,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> Result<(FrameReport, u32), RuntimeError> {
+        let mut quiet = 0;
+        let mut uploaded = (0, 0, 0);
+        for frames in 1..=SETTLE_LIMIT {
+            let mut rounds = 0;
+            let mut prepared = self.prepare(camera, settings, MAX_UPLOAD_BRICKS)?;
+            loop {
+                let report = &prepared.report;
+                uploaded.0 += report.uploads;
+                uploaded.1 += report.node_updates;
+                uploaded.2 += report.bytes_uploaded;
+                let progress = !self.pager.is_idle() || report.uploads == MAX_UPLOAD_BRICKS;
+                rounds += 1;
+                if !progress || self.outcome.no_room > 0 || rounds > 64 {
+                    break;
+                }
+                // What is asked for comes before another picture is drawn.
+                self.gpu.queue.submit([prepared.encoder.finish()]);
+                let deadline = Instant::now() + LOAD_WAIT;
+                while !self.pager.is_idle() && Instant::now() < deadline {
+                    self.pager.wait_for_progress(Duration::from_millis(50));
+                    self.pager.merge(u64::from(self.frame));
+                }
+                self.resolve_again();
+                prepared = self.prepare(camera, settings, MAX_UPLOAD_BRICKS)?;
+            }
+            let mut report = self.draw(camera, settings, prepared)?;
+            self.gpu.wait()?;
+            self.absorb();
+            self.processors.wait_idle();
+            // The next frame's list is made of this frame's requests: that it is calm, too, says that they were none, or
+            // only of pages that were given up.
+            let calm = uploaded == (0, 0, 0)
+                && report.pending == 0
+                && report.trees_waiting == 0
+                && settings.bias + self.bias.extra() == report.bias;
+            quiet = if calm { quiet + 1 } else { 0 };
+            (report.uploads, report.node_updates, report.bytes_uploaded) = uploaded;
+            uploaded = (0, 0, 0);
+            if quiet >= 2 {
+                return Ok((report, frames));
+            }
+        }
+        Err(RuntimeError::NotSettled { frames: SETTLE_LIMIT, pending: self.outcome.pending })
+    }
+
+    /// Takes the read-backs that arrived: usage, counters, requests.
+    fn absorb(&mut self) {
+        for feedback in self.caster.collect(&self.gpu, &self.memory) {
+            self.pool.touch(&feedback);
+            if let Some(k) = self.in_flight.iter().position(|(frame, _)| *frame == feedback.frame) {
+                self.feedback_trees = self.in_flight.swap_remove(k).1;
+            }
+            self.in_flight.retain(|(frame, _)| *frame > feedback.frame);
+            self.feedback = feedback;
+            self.submit_requests();
+        }
+    }
+
+    fn submit_requests(&mut self) {
+        if self.feedback.requests.is_empty() {
+            self.list = NodeList { frame: self.feedback.frame, ..Default::default() };
+        } else {
+            let trees = Arc::clone(&self.feedback_trees);
+            self.processors.submit(self.feedback.frame, self.feedback.requests.clone(), trees);
+        }
+    }
+
+    /// Resolves the last requests once more with the levels that are in RAM by now.
+    fn resolve_again(&mut self) {
+        self.feedback_trees = self
+            .feedback_trees
+            .iter()
+            .map(|active| {
+                let state = self.pager.tree(active.tree).unwrap_or(&active.state);
+                ActiveTree { tree: active.tree, state: Arc::clone(state) }
+            })
+            .collect();
+        self.submit_requests();
+        self.processors.wait_idle();
+    }
+
+    /// Everything of a frame up to the uploads.
+    fn prepare(
+        &mut self,
+        camera: &Camera,
+        settings: &RenderSettings,
+        brick_limit: usize,
+    ) -> Result<Prepared, RuntimeError> {
+        let start = Instant::now();
+        self.gpu.check()?;
+        self.caster.resize(&self.gpu, &self.memory, camera.width, camera.height)?;
+        self.frame += 1;
+        let frame = self.frame;
+        let mut report = FrameReport { frame, ..Default::default() };
+
+        self.absorb();
+        if let Some(list) = self.processors.take()
+            && list.frame >= self.list.frame
+        {
+            self.list = list;
+        }
+        report.readback_ms = ms(start);
+
+        let merge = Instant::now();
+        self.pager.merge(u64::from(frame));
+        report.merge_ms = ms(merge);
+
+        let cull = Instant::now();
+        let result = self.culler.cull(&self.terrain.graph, camera, u64::from(frame));
+        report.cull_ms = ms(cull);
+        report.trees_visible = result.visible.len();
+
+        let upload = Instant::now();
+        let (mut records, mut active) = (Vec::new(), Vec::new());
+        for visible in result.visible.iter().take(MAX_TREES) {
+            let tree = visible.tree;
+            let key = PageKey::Root(tree);
+            self.tree_used[tree.0 as usize] = u64::from(frame);
+            let Some(state) = self.pager.tree(tree).cloned() else {
+                report.trees_waiting += usize::from(!self.pager.is_failed(key));
+                self.pager.request(key, visible.distance / (visible.distance + 1000.0) - 1.0);
+                continue;
+            };
+            self.pager.touch(key);
+            let header = state.root.header;
+            if header.layout != self.terrain.layout {
+                let name = &self.terrain.trees[tree.0 as usize];
+                let fault = format!("{name}: its sample layout differs from the scene's other trees'");
+                if !self.faults.contains(&fault) {
+                    self.faults.push(fault);
+                }
+                continue;
+            }
+            match self.pool.activate(tree, &state, frame) {
+                Some(root) => {
+                    records.push(tree_record(camera, &header, root));
+                    active.push(ActiveTree { tree, state });
+                }
+                None => report.trees_waiting += 1,
+            }
+        }
+        for (tree, used) in self.tree_used.iter_mut().enumerate() {
+            if *used != 0 && *used + TREE_KEEP_FRAMES < u64::from(frame) {
+                *used = 0;
+                self.pager.release_tree(TreeId(tree as u32));
+            }
+        }
+        report.trees_active = records.len();
+        self.outcome = self.pool.apply(&self.list, &mut self.pager, frame, brick_limit);
+        report.pending = self.outcome.pending;
+        self.pager.submit();
+        self.faults.extend(self.pager.drain_faults().into_iter().map(|fault: PageFault| fault.message));
+
+        let used: u32 = self.feedback.used_bricks.iter().map(|w| w.count_ones()).sum();
+        let slots = f64::from(self.memory.sizes.bricks());
+        let demand = f64::from(used) + self.outcome.pending as f64;
+        let ram = self.pager.over_budget();
+        self.bias.update(frame, camera, &[(demand, slots), (ram, 1.0)]);
+        report.bias = settings.bias + self.bias.extra();
+
+        let batch = self.pool.take_uploads();
+        report.uploads = batch.bricks.len();
+        report.node_updates = batch.nodes.len();
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        if !(batch.nodes.is_empty() && batch.bricks.is_empty()) {
+            let times = self.caster.timestamps(0);
+            report.bytes_uploaded =
+                self.memory.upload(&self.gpu, &mut encoder, &batch.nodes, &batch.bricks, times);
+        }
+        report.bricks_resident = self.pool.bricks_resident();
+        report.upload_ms = ms(upload);
+        if report.uploads > 0 {
+            let measured = (report.upload_ms + self.feedback.gpu_ms[0]) / report.uploads as f64;
+            self.ms_per_brick += 0.2 * (measured.max(1e-4) - self.ms_per_brick);
+        }
+        Ok(Prepared { report, encoder, records, active, start })
+    }
+
+    /// Casts and submits.
+    fn draw(
+        &mut self,
+        camera: &Camera,
+        settings: &RenderSettings,
+        prepared: Prepared,
+    ) -> Result<FrameReport, RuntimeError> {
+        let Prepared { mut report, mut encoder, records, active, start } = prepared;
+        let submit = Instant::now();
+        let uniform = self.frame_uniform(camera, settings, records.len() as u32, report.bias);
+        let entry = self.caster.encode(&self.gpu, &mut encoder, &uniform, &records);
+        self.gpu.queue.submit([encoder.finish()]);
+        if let Some(entry) = entry {
+            self.caster.submitted(entry);
+            self.in_flight.push((self.frame, active.into()));
+        }
+        report.submit_ms = ms(submit);
+        report.cpu_ms = ms(start);
+        Ok(report)
+    }
+
+    fn frame_uniform(
+        &self,
+        camera: &Camera,
+        settings: &RenderSettings,
+        tree_count: u32,
+        bias: f64,
+    ) -> layout::Frame {
+        let sizes = self.memory.sizes;
+        let (origin, next) = (camera.screen(0.5, 0.5), camera.screen(1.5, 1.5));
+        let axis = |v: glam::DVec3, w: f64| v.extend(w).as_vec4().to_array();
+        let texels = sizes.slots.map(|s| 1.0 / (s * sizes.brick_side) as f32);
+        layout::Frame {
+            size: [camera.width, camera.height],
+            tree_count,
+            frame: self.frame,
+            screen_origin: origin.as_vec2().to_array(),
+            screen_step: (next - origin).as_vec2().to_array(),
+            forward: axis(camera.forward, 0.0),
+            right: axis(camera.right, 0.0),
+            up: axis(camera.up, 0.0),
+            sun: axis(settings.sun, settings.ambient),
+            diffuse: settings.diffuse as f32,
+            footprint: (camera.pixel_size() * bias.exp2()) as f32,
+            mix_levels: u32::from(settings.mix_levels),
+            brick_side: sizes.brick_side,
+            slots: [sizes.slots[0], sizes.slots[1], sizes.slots[2], 0],
+            texel: [texels[0], texels[1], texels[2], 0.0],
+            brick_slots: sizes.bricks(),
+            node_tiles: sizes.tiles,
+            request_capacity: crate::caster::REQUEST_CAPACITY,
+            pad: 0,
+        }
+    }
+
+    /// The last picture, in linear light; waits for the device.
+    ///
+    /// # Errors
+    /// If nothing was drawn yet or the device failed.
+    pub fn read_picture(&self) -> Result<Picture, RuntimeError> {
+        self.caster.read_picture(&self.gpu)
+    }
+
+    /// What the rays of the newest frame that was read back reported.
+    pub fn feedback(&self) -> &Feedback {
+        &self.feedback
+    }
+
+    /// The pager's counters.
+    pub fn pager_stats(&self) -> PagerStats {
+        self.pager.stats()
+    }
+
+    /// Brick slots of the pool.
+    pub fn brick_slots(&self) -> u32 {
+        self.memory.sizes.bricks()
+    }
+
+    /// Bytes held on the device.
+    pub fn gpu_bytes(&self) -> u64 {
+        self.memory.bytes() + self.caster.bytes()
+    }
+
+    /// Everything that could not be read so far, one line each.
+    pub fn faults(&self) -> &[String] {
+        &self.faults
+    }
+
+    /// The terrain that is drawn.
+    pub fn terrain(&self) -> &Terrain {
+        &self.terrain
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+}
+
+/// A tree as the kernel sees it: everything relative to the depth where it begins, worked out in f64.
+fn tree_record(camera: &Camera, header: &TreeHeader, root: u32) -> layout::Tree {
+    let [lo, hi] = header.bounds();
+    // Depth is linear, so its least value over the box is reached at a corner.
+    let nearest = glam::DVec3::select(camera.forward.cmpgt(glam::DVec3::ZERO), lo, hi);
+    let depth0 = (nearest - camera.eye).dot(camera.forward).max(0.0);
+    let inv_voxel = 1.0 / header.voxel_size;
+    let scale = depth0 * inv_voxel;
+    layout::Tree {
+        base: ((camera.eye + camera.forward * depth0 - header.origin) * inv_voxel).as_vec3().to_array(),
+        depth0: depth0 as f32,
+        base_x: (camera.right * scale).as_vec3().to_array(),
+        inv_voxel: inv_voxel as f32,
+        base_y: (camera.up * scale).as_vec3().to_array(),
+        log2_root_voxel: header.level_voxel_size(0).log2() as f32,
+        root,
+        depth: u32::from(header.depth),
+        gain: f32::from(header.gain),
+        texel_offset: header.layout.texel_offset() as f32,
+        // The rim is given in voxels of the coarser level, twice the node's own.
+        rim: (header.layout.rim() * 2.0) as u32,
+        pad: [0; 3],
+    }
+}

@@ -1,0 +1,136 @@
+//! A terrain as opened: the scene read through a store, its scene graph for the culler, and the names of its trees.
+
+use std::sync::Arc;
+
+use brickfell_culler::{Aabb, GroupId, SceneBuilder, SceneGraph, TreeId};
+use brickfell_formats::layout::SampleLayout;
+use brickfell_formats::octree::TreeHeader;
+use brickfell_formats::scene::{Group, PagedOctTree, Scene};
+use brickfell_formats::{FormatError, octree_binary};
+use brickfell_pager::Store;
+
+/// Name of the scene file in a terrain's folder.
+pub const SCENE_FILE: &str = "scene.xml";
+
+/// A scene that cannot be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum TerrainError {
+    /// The scene file cannot be read.
+    #[error("{path}: {source}")]
+    Read {
+        /// Which file.
+        path: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file cannot be used.
+    #[error("{path}: {source}")]
+    Format {
+        /// Which file.
+        path: String,
+        /// What is wrong and where.
+        source: FormatError,
+    },
+    /// Bounds that no culler can use.
+    #[error("{path}: {message}")]
+    Bounds {
+        /// Which file.
+        path: String,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+/// An opened terrain. Tree `TreeId(k)` is the k-th `PagedOctTree` of the scene, depth first.
+#[derive(Debug)]
+pub struct Terrain {
+    /// The scene as written.
+    pub scene: Scene,
+    /// Tree files, by [`TreeId`].
+    pub trees: Vec<String>,
+    /// For the culler.
+    pub graph: SceneGraph,
+    /// Where samples lie in the bricks of the first readable tree; a scene has one layout.
+    pub layout: SampleLayout,
+    /// Trees that could not be placed, one line each; they are left out of the graph.
+    pub faults: Vec<String>,
+}
+
+/// Reads a tree's header, from a binary or an XML file.
+///
+/// # Errors
+/// If the file cannot be read or is not an octree file.
+pub fn read_header(store: &dyn Store, name: &str) -> Result<TreeHeader, TerrainError> {
+    let read = |source| TerrainError::Read { path: store.describe(name), source };
+    let format = |source| TerrainError::Format { path: store.describe(name), source };
+    let len = store.len(name).map_err(read)?;
+    let prefix = store.read(name, 0, len.min(octree_binary::prefix_len() as u64) as usize).map_err(read)?;
+    if octree_binary::is_binary(&prefix) {
+        return Ok(octree_binary::decode_header(&prefix, len).map_err(format)?.header);
+    }
+    let bytes = store.read(name, 0, len as usize).map_err(read)?;
+    Ok(brickfell_formats::octree::decode_any(&bytes).map_err(format)?.header)
+}
+
+impl Terrain {
+    /// Reads `scene.xml` and, where it gives no bounds, the trees' headers.
+    ///
+    /// # Errors
+    /// If the scene file itself cannot be used. Single trees that cannot be placed are [`Terrain::faults`].
+    pub fn open(store: &Arc<dyn Store>) -> Result<Self, TerrainError> {
+        let path = store.describe(SCENE_FILE);
+        let read = |source| TerrainError::Read { path: path.clone(), source };
+        let len = store.len(SCENE_FILE).map_err(read)?;
+        let bytes = store.read(SCENE_FILE, 0, len as usize).map_err(read)?;
+        let scene =
+            Scene::parse(&bytes).map_err(|source| TerrainError::Format { path: path.clone(), source })?;
+        let trees: Vec<String> = scene.trees().map(|t| t.tree_file.clone()).collect();
+        let layout = trees
+            .iter()
+            .find_map(|name| read_header(store.as_ref(), name).ok())
+            .map_or(SampleLayout::Centre, |h| h.layout);
+        let mut opening =
+            Opening { store: store.as_ref(), builder: SceneGraph::builder(), next: 0, faults: Vec::new() };
+        opening
+            .add_group(None, &scene.root)
+            .map_err(|message| TerrainError::Bounds { path: path.clone(), message })?;
+        let (graph, faults) = (opening.builder.finish(), opening.faults);
+        Ok(Self { scene, trees, graph, layout, faults })
+    }
+}
+
+struct Opening<'a> {
+    store: &'a dyn Store,
+    builder: SceneBuilder,
+    next: u32,
+    faults: Vec<String>,
+}
+
+impl Opening<'_> {
+    fn add_group(&mut self, parent: Option<GroupId>, group: &Group) -> Result<(), String> {
+        let id = self.builder.add_group(parent).map_err(|e| e.to_string())?;
+        // Numbers the trees as `Scene::trees` lists them: a group's own, then those of its groups.
+        for tree in &group.trees {
+            let tree_id = TreeId(self.next);
+            self.next += 1;
+            let placed = if group.compressed {
+                Err(format!("{}: Compressed=\"YES\" is not supported by this version", tree.tree_file))
+            } else {
+                self.bounds(tree)
+            };
+            match placed {
+                Ok(bounds) => self.builder.add_tree(Some(id), tree_id, bounds).map_err(|e| e.to_string())?,
+                Err(fault) => self.faults.push(fault),
+            }
+        }
+        group.groups.iter().try_for_each(|inner| self.add_group(Some(id), inner))
+    }
+
+    fn bounds(&self, tree: &PagedOctTree) -> Result<Aabb, String> {
+        let [min, max] = match tree.bounds {
+            Some(b) => [b.min, b.max],
+            None => read_header(self.store, &tree.tree_file).map_err(|e| e.to_string())?.bounds(),
+        };
+        Aabb::new(min, max).map_err(|e| format!("{}: {e}", tree.tree_file))
+    }
+}

@@ -1,0 +1,412 @@
+//! The texture pool manager: which node tiles and bricks are in the pools, which leave for new ones, what must be uploaded.
+//!
+//! Owned by the render thread. Invariants, between frames:
+//! - the resident set is closed under parents: a tile's parent node is resident, a brick's node too, and a brick is
+//!   uploaded only after its parent's;
+//! - the mirror of the node words is what the device will hold after the next upload; every changed word is in the upload;
+//! - what was used in the last [`LATENCY`] frames is not evicted (the read-back is that late), nor are roots in use;
+//! - use passes on to ancestors, so the oldest entry, deepest first, never has a resident descendant that is younger.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use brickfell_culler::TreeId;
+use brickfell_formats::octree::NodeData;
+use brickfell_pager::{PageKey, Pager, TreeState};
+use brickfell_shaders::layout::{BRICK, TERMINAL};
+
+use crate::caster::Feedback;
+use crate::memory::{BrickUpload, MAX_UPLOAD_BRICKS, MAX_UPLOAD_NODES, PoolSizes};
+use crate::node_lists::NodeList;
+
+/// Frames for which an entry is safe after its last use.
+pub const LATENCY: u32 = 4;
+
+const NONE: u32 = u32::MAX;
+
+#[derive(Clone, Copy, Debug)]
+struct Tile {
+    tree: TreeId,
+    level: u8,
+    /// Index of the tile in its level of the tree.
+    index: u32,
+    /// Node in the pool that points here; `NONE` for a root.
+    parent: u32,
+    last_used: u32,
+    words: [[u32; 2]; 8],
+    resident: bool,
+}
+
+impl Tile {
+    fn is_old(&self, frame: u32) -> bool {
+        self.resident && self.last_used + LATENCY < frame
+    }
+}
+
+const EMPTY_TILE: Tile = Tile {
+    tree: TreeId(0),
+    level: 0,
+    index: 0,
+    parent: NONE,
+    last_used: 0,
+    words: [[TERMINAL, 0]; 8],
+    resident: false,
+};
+
+#[derive(Clone, Copy, Debug)]
+struct Slot {
+    /// Node in the pool that shows this brick; `NONE` if free.
+    node: u32,
+    last_used: u32,
+}
+
+/// What to send before the next cast.
+#[derive(Debug, Default)]
+pub struct UploadBatch {
+    /// Node index, its two words, 0.
+    pub nodes: Vec<[u32; 4]>,
+    /// Bricks and their slots.
+    pub bricks: Vec<BrickUpload>,
+}
+
+/// What a list asked for and what became of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Outcome {
+    /// Asked for, not there, and not given up: on the way, or no room.
+    pub pending: usize,
+    /// Of those, bricks and tiles that found no slot.
+    pub no_room: usize,
+}
+
+/// The pools' directory.
+#[derive(Debug)]
+pub struct TexturePoolManager {
+    sizes: PoolSizes,
+    tiles: Vec<Tile>,
+    free_tiles: Vec<u32>,
+    tile_of: HashMap<(TreeId, u8, u32), u32>,
+    slots: Vec<Slot>,
+    free_slots: Vec<u32>,
+    /// Evictable slots, the next victim last; made when the free ones run out, valid for one frame.
+    victims: Vec<u32>,
+    victims_frame: u32,
+    /// The same for tiles.
+    tile_victims: Vec<u32>,
+    tile_victims_frame: u32,
+    dirty: Vec<u32>,
+    is_dirty: Vec<bool>,
+    bricks: Vec<BrickUpload>,
+}
+
+impl TexturePoolManager {
+    /// Empty pools.
+    pub fn new(sizes: PoolSizes) -> Self {
+        Self {
+            sizes,
+            tiles: vec![EMPTY_TILE; sizes.tiles as usize],
+            free_tiles: (1..sizes.tiles).rev().collect(),
+            tile_of: HashMap::new(),
+            slots: vec![Slot { node: NONE, last_used: 0 }; sizes.bricks() as usize],
+            free_slots: (0..sizes.bricks()).rev().collect(),
+            victims: Vec::new(),
+            victims_frame: 0,
+            tile_victims: Vec::new(),
+            tile_victims_frame: 0,
+            dirty: Vec::new(),
+            is_dirty: vec![false; sizes.tiles as usize * 8],
+            bricks: Vec::new(),
+        }
+    }
+
+    /// Bricks resident.
+    pub fn bricks_resident(&self) -> u32 {
+        self.sizes.bricks() - self.free_slots.len() as u32
+    }
+
+    /// True if another brick can be sent in this frame.
+    fn can_send(&self) -> bool {
+        self.bricks.len() < MAX_UPLOAD_BRICKS && self.dirty.len() + 64 < MAX_UPLOAD_NODES
+    }
+
+    fn word(&mut self, node: u32) -> &mut [u32; 2] {
+        if !std::mem::replace(&mut self.is_dirty[node as usize], true) {
+            self.dirty.push(node);
+        }
+        &mut self.tiles[(node >> 3) as usize].words[(node & 7) as usize]
+    }
+
+    fn peek(&self, node: u32) -> [u32; 2] {
+        self.tiles[(node >> 3) as usize].words[(node & 7) as usize]
+    }
+
+    /// Puts a tree's root into the pools (or finds it there), marks it used, and returns the root node's index; `None`
+    /// while there is no room.
+    pub fn activate(&mut self, tree: TreeId, state: &TreeState, frame: u32) -> Option<u32> {
+        let node = match self.tile_of.get(&(tree, 0, 0)) {
+            Some(tile) => tile * 8,
+            None => self.add_tile(tree, 0, 0, NONE, state, frame)? * 8,
+        };
+        self.tiles[(node >> 3) as usize].last_used = frame;
+        let [structure, slot] = self.peek(node);
+        if structure & BRICK != 0 {
+            if slot == 0 {
+                let chunk = state.root.chunk0.as_ref()?;
+                self.add_brick(node, Arc::clone(chunk), 0, frame)?;
+            } else {
+                self.slots[slot as usize - 1].last_used = frame;
+            }
+        }
+        Some(node)
+    }
+
+    /// Takes a read-back's usage: what was used stays, and its ancestors with it.
+    pub fn touch(&mut self, feedback: &Feedback) {
+        for tile in set_bits(&feedback.used_tiles) {
+            self.touch_up(tile, feedback.frame);
+        }
+        for slot in set_bits(&feedback.used_bricks) {
+            if let Some(entry) = self.slots.get_mut(slot as usize)
+                && entry.node != NONE
+            {
+                entry.last_used = entry.last_used.max(feedback.frame);
+            }
+        }
+    }
+
+    /// Marks a tile and what is above it used. Stops at what is marked already: its ancestors are, too.
+    fn touch_up(&mut self, mut tile: u32, frame: u32) {
+        while let Some(entry) = self.tiles.get_mut(tile as usize)
+            && entry.resident
+        {
+            let known = entry.last_used >= frame;
+            entry.last_used = entry.last_used.max(frame);
+            let parent = entry.parent;
+            if known || parent == NONE {
+                return;
+            }
+            let [structure, slot] = self.peek(parent);
+            if structure & BRICK != 0 && slot != 0 {
+                let brick = &mut self.slots[slot as usize - 1];
+                brick.last_used = brick.last_used.max(frame);
+            }
+            tile = parent >> 3;
+        }
+    }
+
+    /// Makes resident what a list wants and RAM has; asks the pager for the rest.
+    pub fn apply(&mut self, list: &NodeList, pager: &mut Pager, frame: u32, brick_limit: usize) -> Outcome {
+        let mut outcome = Outcome::default();
+        for &(key, order) in &list.pages {
+            if pager.tree(key.tree()).is_some_and(|t| t.level(key.level()).is_none()) && !pager.is_failed(key) {
+                pager.request(key, priority(key.level(), order));
+                outcome.pending += 1;
+            }
+        }
+        for want in &list.nodes {
+            let Some(state) = pager.tree(want.tree).cloned() else { continue };
+            let Some(page) = state.level(want.level) else { continue };
+            let Some(node) = page.nodes.get(want.node as usize) else { continue };
+            let tile_index = if want.level == 0 { 0 } else { want.node / 8 };
+            let tile = match self.tile_of.get(&(want.tree, want.level, tile_index)) {
+                Some(tile) => *tile,
+                None => {
+                    let parent = self.pool_node(want.tree, want.level.wrapping_sub(1), want.parent);
+                    let added = parent.and_then(|p| self.add_tile(want.tree, want.level, tile_index, p, &state, frame));
+                    let Some(tile) = added else {
+                        outcome.pending += 1;
+                        outcome.no_room += usize::from(parent.is_some());
+                        continue;
+                    };
+                    tile
+                }
+            };
+            self.tiles[tile as usize].last_used = frame;
+            let pool_node = tile * 8 + if want.level == 0 { 0 } else { want.node % 8 };
+            let slot = self.peek(pool_node)[1];
+            let NodeData::Brick(brick) = node.data() else { continue };
+            if slot != 0 {
+                self.slots[slot as usize - 1].last_used = frame;
+                continue;
+            }
+            let Some((chunk, local)) = page.bricks.as_ref().and_then(|b| b.locate(brick)) else { continue };
+            let key = PageKey::Chunk { tree: want.tree, level: want.level, chunk };
+            match pager.chunk(want.tree, want.level, chunk).cloned() {
+                Some(samples) => {
+                    pager.touch(key);
+                    outcome.pending += 1;
+                    if self.bricks.len() < brick_limit.max(1)
+                        && self.parent_shows(tile)
+                        && self.add_brick(pool_node, samples, local, frame).is_none()
+                    {
+                        outcome.no_room += 1;
+                    }
+                }
+                None if pager.is_failed(key) => {}
+                None => {
+                    pager.request(key, priority(want.level, want.order));
+                    outcome.pending += 1;
+                }
+            }
+        }
+        outcome
+    }
+
+    /// The parent node of a tile has its brick (or needs none).
+    fn parent_shows(&self, tile: u32) -> bool {
+        let parent = self.tiles[tile as usize].parent;
+        parent == NONE || {
+            let [structure, slot] = self.peek(parent);
+            structure & BRICK == 0 || slot != 0
+        }
+    }
+
+    /// Index in the pool of a node of a tree, if its tile is resident.
+    fn pool_node(&self, tree: TreeId, level: u8, node: u32) -> Option<u32> {
+        let (tile, octant) = if level == 0 { (0, 0) } else { (node / 8, node % 8) };
+        self.tile_of.get(&(tree, level, tile)).map(|t| t * 8 + octant)
+    }
+
+    fn add_tile(
+        &mut self,
+        tree: TreeId,
+        level: u8,
+        index: u32,
+        parent: u32,
+        state: &TreeState,
+        frame: u32,
+    ) -> Option<u32> {
+        let nodes = &state.level(level)?.nodes;
+        let first = index as usize * 8;
+        let members = nodes.get(first..(first + 8).min(nodes.len())).filter(|m| !m.is_empty())?;
+        if !self.can_send() {
+            return None;
+        }
+        let tile = match self.free_tiles.pop() {
+            Some(tile) => tile,
+            None => self.evict_some_tile(frame)?,
+        };
+        let mut words = [[TERMINAL, 0]; 8];
+        for (word, node) in words.iter_mut().zip(members) {
+            let terminal = if node.children().is_none() { TERMINAL } else { 0 };
+            *word = match node.data() {
+                NodeData::Constant(color) => [terminal, u32::from_le_bytes(color)],
+                NodeData::Brick(_) => [terminal | BRICK, 0],
+            };
+        }
+        self.tiles[tile as usize] = Tile { tree, level, index, parent, last_used: frame, words, resident: true };
+        for octant in 0..8 {
+            self.word(tile * 8 + octant);
+        }
+        if parent != NONE {
+            self.word(parent)[0] |= tile;
+        }
+        self.tile_of.insert((tree, level, index), tile);
+        Some(tile)
+    }
+
+    fn add_brick(&mut self, node: u32, chunk: Arc<brickfell_formats::chunk::Chunk>, brick: u32, frame: u32) -> Option<()> {
+        if !self.can_send() || chunk.layout.side() != self.sizes.brick_side {
+            return None;
+        }
+        let slot = match self.free_slots.pop() {
+            Some(slot) => slot,
+            None => self.evict_some_brick(frame)?,
+        };
+        self.slots[slot as usize] = Slot { node, last_used: frame };
+        self.word(node)[1] = slot + 1;
+        self.bricks.push(BrickUpload { slot, chunk, brick });
+        Some(())
+    }
+
+    fn evict_some_brick(&mut self, frame: u32) -> Option<u32> {
+        if self.victims_frame != frame {
+            self.victims_frame = frame;
+            let (slots, tiles) = (&self.slots, &self.tiles);
+            self.victims.clear();
+            self.victims.extend((0..slots.len() as u32).filter(|s| {
+                let slot = &slots[*s as usize];
+                slot.node != NONE && slot.last_used + LATENCY < frame
+            }));
+            // Next victim last: oldest, and among those the deepest.
+            self.victims.sort_unstable_by_key(|s| {
+                let slot = &slots[*s as usize];
+                (std::cmp::Reverse(slot.last_used), tiles[(slot.node >> 3) as usize].level)
+            });
+        }
+        while let Some(slot) = self.victims.pop() {
+            let entry = self.slots[slot as usize];
+            if entry.node != NONE && entry.last_used + LATENCY < frame {
+                self.word(entry.node)[1] = 0;
+                self.slots[slot as usize].node = NONE;
+                return Some(slot);
+            }
+        }
+        None
+    }
+
+    fn evict_some_tile(&mut self, frame: u32) -> Option<u32> {
+        if self.tile_victims_frame != frame {
+            self.tile_victims_frame = frame;
+            let tiles = &self.tiles;
+            self.tile_victims.clear();
+            self.tile_victims.extend((1..tiles.len() as u32).filter(|t| tiles[*t as usize].is_old(frame)));
+            self.tile_victims
+                .sort_unstable_by_key(|t| (std::cmp::Reverse(tiles[*t as usize].last_used), tiles[*t as usize].level));
+        }
+        while let Some(tile) = self.tile_victims.pop() {
+            if self.tiles[tile as usize].is_old(frame) {
+                self.remove_tile(tile);
+                return self.free_tiles.pop();
+            }
+        }
+        None
+    }
+
+    /// Takes a tile out, with everything below it.
+    fn remove_tile(&mut self, tile: u32) {
+        let entry = self.tiles[tile as usize];
+        for [structure, data] in entry.words {
+            let child = structure & !(TERMINAL | BRICK);
+            if child != 0 {
+                self.remove_tile(child);
+            }
+            if structure & BRICK != 0 && data != 0 {
+                self.slots[data as usize - 1].node = NONE;
+                self.free_slots.push(data - 1);
+            }
+        }
+        if entry.parent != NONE {
+            self.word(entry.parent)[0] &= TERMINAL | BRICK;
+        }
+        self.tile_of.remove(&(entry.tree, entry.level, entry.index));
+        self.tiles[tile as usize] = EMPTY_TILE;
+        self.free_tiles.push(tile);
+    }
+
+    /// Takes what must be sent before the next cast.
+    pub fn take_uploads(&mut self) -> UploadBatch {
+        let mut batch = UploadBatch { nodes: Vec::new(), bricks: std::mem::take(&mut self.bricks) };
+        for node in std::mem::take(&mut self.dirty) {
+            self.is_dirty[node as usize] = false;
+            let [structure, data] = self.peek(node);
+            batch.nodes.push([node, structure, data, 0]);
+        }
+        // A brick may have left its slot again in the same frame.
+        batch.bricks.retain(|b| {
+            let node = self.slots[b.slot as usize].node;
+            node != NONE && self.tiles[(node >> 3) as usize].words[(node & 7) as usize][1] == b.slot + 1
+        });
+        batch
+    }
+}
+
+/// One key for reading, decoding and uploading: coarse levels first, nearer trees first within a level.
+pub fn priority(level: u8, order: u32) -> f64 {
+    f64::from(level) + f64::from(order) / (f64::from(order) + 1000.0)
+}
+
+fn set_bits(words: &[u32]) -> impl Iterator<Item = u32> + '_ {
+    words.iter().enumerate().flat_map(|(k, word)| {
+        (0..32).filter(move |bit| word >> bit & 1 == 1).map(move |bit| k as u32 * 32 + bit)
+    })
+}
