@@ -1,0 +1,79 @@
+//! Any bytes, sealed with right checksums, as a brick file: no panic, and chunks that are read round-trip.
+#![no_main]
+
+use brickfell_formats::bricks;
+use brickfell_formats::chunk::Chunk;
+use libfuzzer_sys::fuzz_target;
+
+/// Gives the file its magic, version, layers and checksums, with the directory at its end.
+fn seal(file: &mut [u8]) {
+    let len = file.len();
+    if len < bricks::HEADER_BYTES {
+        return;
+    }
+    file[..8].copy_from_slice(&bricks::MAGIC);
+    file[8..12].copy_from_slice(&bricks::VERSION.to_le_bytes());
+    file[15] = 0b11;
+    file[17..20].fill(0);
+    file[40..60].fill(0);
+    let chunks = usize::from(file[20] % 8).min((len - bricks::HEADER_BYTES) / bricks::ENTRY_BYTES);
+    let directory = len - chunks * bricks::ENTRY_BYTES;
+    let (mut offset, mut count) = (bricks::HEADER_BYTES, 0);
+    for k in 0..chunks {
+        let entry = directory + k * bricks::ENTRY_BYTES;
+        let asked = usize::from(u16::from_le_bytes([file[entry + 24], file[entry + 25]]));
+        let length = if k + 1 == chunks {
+            directory - offset
+        } else {
+            asked.min(directory - offset)
+        };
+        let crc = crc32fast::hash(&file[offset..offset + length]);
+        file[entry + 16..entry + 24].copy_from_slice(&(offset as u64).to_le_bytes());
+        file[entry + 24..entry + 28].copy_from_slice(&(length as u32).to_le_bytes());
+        file[entry + 28..entry + 32].copy_from_slice(&crc.to_le_bytes());
+        count += file[entry + 8..entry + 16]
+            .iter()
+            .map(|b| b.count_ones())
+            .sum::<u32>();
+        offset += length;
+    }
+    file[20..24].copy_from_slice(&(chunks as u32).to_le_bytes());
+    file[24..28].copy_from_slice(&count.to_le_bytes());
+    let crc = crc32fast::hash(&file[directory..]);
+    file[28..32].copy_from_slice(&crc.to_le_bytes());
+    file[32..40].copy_from_slice(&(directory as u64).to_le_bytes());
+    let crc = crc32fast::hash(&file[..60]);
+    file[60..64].copy_from_slice(&crc.to_le_bytes());
+}
+
+fn read(file: &[u8]) {
+    let Ok(header) = bricks::decode_header(file, file.len() as u64) else {
+        return;
+    };
+    let range = header.directory();
+    let Ok(index) = header.decode_directory(&file[range.start as usize..range.end as usize]) else {
+        return;
+    };
+    for (k, entry) in index.chunks.iter().enumerate() {
+        let bytes = &file[entry.offset as usize..][..entry.length as usize];
+        if let Ok(chunk) = index.decode_chunk(k as u32, bytes) {
+            let again = chunk
+                .encode(header.encoding)
+                .expect("a chunk that was read is consistent");
+            assert_eq!(decode(&index, k, &again), Some(chunk));
+        }
+        assert_eq!(index.locate(entry.first_brick), Some((k as u32, 0)));
+    }
+}
+
+fn decode(index: &bricks::BrickIndex, k: usize, bytes: &[u8]) -> Option<Chunk> {
+    let mask = index.chunks.get(k)?.mask;
+    Chunk::decode(bytes, mask, index.header.layout, index.header.encoding).ok()
+}
+
+fuzz_target!(|data: &[u8]| {
+    read(data);
+    let mut file = data.to_vec();
+    seal(&mut file);
+    read(&file);
+});

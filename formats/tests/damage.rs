@@ -1,0 +1,238 @@
+//! Damaged and forged files: every one is an error, none panics or makes the reader allocate what it claims.
+
+mod common;
+
+use brickfell_formats::chunk::{Chunk, Encoding};
+use brickfell_formats::layout::SampleLayout;
+use brickfell_formats::octree::{Octree, decode_any};
+use brickfell_formats::scene::Scene;
+use brickfell_formats::{FormatError, Place, bricks, morton, octree_binary, octree_xml};
+use common::{Branch, brick_file, chunk_of, flatten};
+use proptest::prelude::*;
+
+/// Reads a brick file whole, as `check` would.
+fn read_bricks(file: &[u8]) -> Result<Vec<Chunk>, FormatError> {
+    let header = bricks::decode_header(file, file.len() as u64)?;
+    let range = header.directory();
+    let index = header.decode_directory(&file[range.start as usize..range.end as usize])?;
+    let chunks = index.chunks.iter().enumerate();
+    chunks
+        .map(|(k, c)| index.decode_chunk(k as u32, &file[c.offset as usize..][..c.length as usize]))
+        .collect()
+}
+
+fn small_bricks(encoding: Encoding) -> Vec<u8> {
+    let chunks = [0, 3, 5].map(|c| {
+        (
+            morton::decode(c),
+            chunk_of(1 << (c % 2), SampleLayout::Corner, c, true),
+        )
+    });
+    brick_file(2, 1, encoding, &chunks)
+}
+
+fn small_octree() -> Octree {
+    let leaf = |k| Branch {
+        color: (k % 3 > 0).then_some([k, 2, 3, 4]),
+        children: Vec::new(),
+    };
+    let inner = |k| Branch {
+        color: Some([9, 8, 7, k]),
+        children: (0..8).map(leaf).collect(),
+    };
+    let root = Branch {
+        color: None,
+        children: (0..8)
+            .map(|k| if k % 4 == 0 { inner(k) } else { leaf(k) })
+            .collect(),
+    };
+    let text = "<GigaVoxelsOctTree X='1' Y='2' Z='3' DeltaX='1' DeltaY='1' DeltaZ='1' VolumeXSize='64' VolumeYSize='64' \
+        VolumeZSize='64' BrickXSize='8' BrickYSize='8' BrickZSize='8' Binary='NO' SurfaceMaxX='9' SurfaceVoxels='7'>\
+        <Node Type='CONST' Color='#00000000'/></GigaVoxelsOctTree>";
+    let header = octree_xml::decode(text.as_bytes()).expect("a valid tree").header;
+    Octree {
+        header,
+        levels: flatten(&root, header.depth),
+    }
+}
+
+fn every_damage_is_an_error<T>(file: &[u8], read: impl Fn(&[u8]) -> Result<T, FormatError>) {
+    read(file).map(|_| ()).expect("the undamaged file");
+    let mut damaged = file.to_vec();
+    for bit in 0..file.len() * 8 {
+        damaged[bit / 8] ^= 1 << (bit % 8);
+        assert!(
+            read(&damaged).is_err(),
+            "bit {} of byte {} flipped goes unnoticed",
+            bit % 8,
+            bit / 8
+        );
+        damaged[bit / 8] ^= 1 << (bit % 8);
+    }
+    for len in 0..file.len() {
+        assert!(read(&file[..len]).is_err(), "cut to {len} bytes");
+    }
+    for more in [1, 32, 64] {
+        damaged.resize(file.len() + more, 0);
+        assert!(read(&damaged).is_err(), "{more} bytes appended");
+    }
+}
+
+#[test]
+fn every_flipped_bit_and_every_cut_of_an_octree_file_is_an_error() {
+    every_damage_is_an_error(&octree_binary::encode(&small_octree()).unwrap(), decode_any);
+}
+
+#[test]
+fn every_flipped_bit_and_every_cut_of_a_brick_file_is_an_error() {
+    every_damage_is_an_error(&small_bricks(Encoding::Zstd), read_bricks);
+    every_damage_is_an_error(&brick_file(0, 2, Encoding::Plain, &[]), read_bricks);
+}
+
+fn seal_octree(file: &mut [u8]) {
+    let table_end = 88 + 16 * (usize::from(file[12]) + 1);
+    if let Some(table) = file.get(64..table_end) {
+        let mut crc = crc32fast::Hasher::new();
+        crc.update(&file[..56]);
+        crc.update(table);
+        let crc = crc.finalize();
+        file[56..60].copy_from_slice(&crc.to_le_bytes());
+    }
+}
+
+fn seal_bricks(file: &mut [u8]) {
+    let directory = u64::from_le_bytes(file[32..40].try_into().expect("eight bytes")) as usize;
+    if let Some(directory) = file.get(directory..) {
+        let crc = crc32fast::hash(directory);
+        file[28..32].copy_from_slice(&crc.to_le_bytes());
+    }
+    let crc = crc32fast::hash(&file[..60]);
+    file[60..64].copy_from_slice(&crc.to_le_bytes());
+}
+
+#[test]
+fn codes_of_later_versions_are_errors() {
+    let octree = octree_binary::encode(&small_octree()).unwrap();
+    for (at, value, part) in [
+        (0, b'X', "line 1, column"),
+        (7, 1, "wrong magic"),
+        (8, 2, "octree version 2 is unknown (this reads 1)"),
+        (11, 1, "octree version 16777217 is unknown"),
+        (12, 21, "depth 21 is above 20"),
+        (13, 2, "sample layout 2 is unknown"),
+        (14, 0, "opacity gain 0 is unknown"),
+        (14, 3, "opacity gain 3 is unknown"),
+        (15, 1, "unused bytes are not zero"),
+        (47, 0xff, "voxel size"),
+    ] {
+        let mut file = octree.clone();
+        file[at] = value;
+        seal_octree(&mut file);
+        let e = decode_any(&file).unwrap_err().to_string();
+        assert!(e.contains(part), "{at}: {e}");
+    }
+    let bricks = small_bricks(Encoding::Zstd);
+    for (at, value, part) in [
+        (0, b'X', "wrong magic"),
+        (8, 2, "brick file version 2 is unknown (this reads 1)"),
+        (12, 21, "level 21 is unknown"),
+        (13, 2, "sample layout 2 is unknown"),
+        (14, 3, "chunk size 3 is unknown"),
+        (15, 7, "layer set 7 is unknown"),
+        (15, 1, "layer set 1 is unknown"),
+        (16, 2, "encoding 2 is unknown"),
+        (17, 1, "unused bytes are not zero"),
+        (59, 1, "unused bytes are not zero"),
+        (20, 2, "the directory ends at byte"),
+        (24, 4, "4 bricks declared, 3 listed"),
+        (39, 0xff, "the directory ends at byte"),
+    ] {
+        let mut file = bricks.clone();
+        file[at] = value;
+        seal_bricks(&mut file);
+        let e = read_bricks(&file).unwrap_err().to_string();
+        assert!(e.contains(part), "{at}: {e}");
+    }
+}
+
+/// Whatever a forger with a checksum at hand writes into one byte of the header, table or directory: no panic, and no
+/// allocation beyond the file (counts of 2³² entries would end the test).
+#[test]
+fn forged_bytes_do_not_panic_or_allocate() {
+    let octree = octree_binary::encode(&small_octree()).unwrap();
+    let valid = decode_any(&octree).unwrap();
+    for at in 8..256 {
+        for value in 0..=255 {
+            let mut file = octree.clone();
+            file[at] = value;
+            seal_octree(&mut file);
+            if let Ok(tree) = decode_any(&file) {
+                tree.validate().unwrap();
+                assert_eq!(tree.levels, valid.levels, "byte {at} = {value}");
+            }
+        }
+    }
+    let bricks = small_bricks(Encoding::Zstd);
+    let directory = bricks.len() - 3 * 32;
+    for at in (8..64).chain(directory..bricks.len()) {
+        for value in 0..=255 {
+            let mut file = bricks.clone();
+            file[at] = value;
+            seal_bricks(&mut file);
+            if let Ok(chunks) = read_bricks(&file) {
+                assert_eq!(
+                    chunks.iter().map(Chunk::bricks).sum::<usize>(),
+                    3,
+                    "byte {at} = {value}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn every_cut_of_an_xml_file_is_an_error_inside_it() {
+    let octree = octree_xml::encode(&small_octree()).unwrap();
+    let scene = "<?xml version=\"1.0\"?>\n<OctTreeGroup Crs=\"é &amp;\">\n <!-- one -->\n <OctTreeGroup MinX='0' MinY='0' \
+        MinZ='0' MaxX='1' MaxY='1' MaxZ='1'>\n  <PagedOctTree CenterX='1' CenterY='2' CenterZ='3' Radius='4' \
+        TreeFile='höhe.oct'/>\n </OctTreeGroup>\n</OctTreeGroup>";
+    Scene::parse(scene.as_bytes()).unwrap();
+    for len in 0..scene.len() {
+        let e = Scene::parse(&scene.as_bytes()[..len]).unwrap_err();
+        assert!(
+            matches!(e.place, Place::Line { line: 1..=8, .. }),
+            "cut to {len}: {e}"
+        );
+    }
+    for len in 0..octree.trim_end().len() {
+        octree_xml::decode(&octree.as_bytes()[..len]).unwrap_err();
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn changed_xml_does_not_panic(
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>(), 0usize..12), 1..4),
+        as_scene in any::<bool>(),
+    ) {
+        let scene = "<OctTreeGroup Version='1' Compressed='NO'>\n<PagedOctTree CenterX='1' CenterY='2' CenterZ='3' \
+            Radius='4' TreeFile='a.oct'/>\n<OctTreeGroup/></OctTreeGroup>";
+        let text = if as_scene { scene.to_string() } else { octree_xml::encode(&small_octree()).unwrap() };
+        let mut bytes = text.into_bytes();
+        let pieces: [&[u8]; 12] = [
+            b"<", b">", b"/>", b"'", b"\"", b"&", b"\0", b"\xff", b"1e999", b"<Node Type='CONST'>", b"</Node>", b"",
+        ];
+        for (from, to, piece) in changes {
+            let (a, b) = (from.index(bytes.len() + 1), to.index(bytes.len() + 1));
+            let range = a.min(b)..a.max(b).min(a.min(b) + 40);
+            bytes.splice(range, pieces[piece].iter().copied());
+        }
+        let error = if as_scene { Scene::parse(&bytes).err() } else { octree_xml::decode(&bytes).err() };
+        if let Some(e) = error {
+            prop_assert!(!e.to_string().contains(char::is_control), "{:?}", e.to_string());
+            prop_assert!(e.place != Place::File, "{}", e);
+        }
+    }
+}
