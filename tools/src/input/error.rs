@@ -115,27 +115,43 @@ pub enum InputError {
 impl InputError {
     /// Wraps an error of the operating system on `path`.
     pub fn io(path: &Path, source: io::Error) -> Self {
-        InputError::Io { path: path.to_path_buf(), source }
+        InputError::Io {
+            path: path.to_path_buf(),
+            source,
+        }
     }
 
     /// A variant of a format that is not read.
     pub fn unsupported(path: &Path, what: impl Into<String>) -> Self {
-        InputError::Unsupported { path: path.to_path_buf(), what: what.into() }
+        InputError::Unsupported {
+            path: path.to_path_buf(),
+            what: what.into(),
+        }
     }
 
     /// A damaged file; line breaks in `what` (some decoders write them) become spaces.
     pub fn damaged(path: &Path, what: impl std::fmt::Display) -> Self {
         let what = what.to_string().replace(['\n', '\r'], " ");
-        InputError::Damaged { path: path.to_path_buf(), what }
+        InputError::Damaged {
+            path: path.to_path_buf(),
+            what,
+        }
     }
 
     /// A fault in line `line` (from 1) of a text file.
     pub fn line(path: &Path, line: usize, what: impl Into<String>) -> Self {
-        InputError::Line { path: path.to_path_buf(), line, what: what.into() }
+        InputError::Line {
+            path: path.to_path_buf(),
+            line,
+            what: what.into(),
+        }
     }
 
     /// A fault of the georeference held by `path`.
     pub fn georef(path: &Path, what: impl Into<String>) -> Self {
-        InputError::Georef { path: path.to_path_buf(), what: what.into() }
+        InputError::Georef {
+            path: path.to_path_buf(),
+            what: what.into(),
+        }
     }
 }

@@ -31,7 +31,10 @@ pub(crate) fn placement(path: &Path, tags: &TiffTags) -> Result<Placement, Input
     match keys.short(GT_MODEL_TYPE) {
         Some(MODEL_GEOGRAPHIC) => placement.geographic = true,
         Some(MODEL_GEOCENTRIC) => {
-            return Err(InputError::georef(path, "geocentric coordinates are not supported; project the file first"));
+            return Err(InputError::georef(
+                path,
+                "geocentric coordinates are not supported; project the file first",
+            ));
         }
         _ => {}
     }
@@ -39,21 +42,36 @@ pub(crate) fn placement(path: &Path, tags: &TiffTags) -> Result<Placement, Input
     placement.transform = transform(path, tags, point)?;
     placement.crs = match keys.short(PROJECTED_CS_TYPE) {
         Some(code) if code != 0 && code != USER_DEFINED => Some(format!("EPSG:{code}")),
-        _ => [PCS_CITATION, GT_CITATION, GEOG_CITATION].into_iter().find_map(|key| keys.text(key)),
+        _ => [PCS_CITATION, GT_CITATION, GEOG_CITATION]
+            .into_iter()
+            .find_map(|key| keys.text(key)),
     };
     placement.linear_unit = match keys.short(PROJ_LINEAR_UNITS) {
         Some(USER_DEFINED) | None => keys.double(PROJ_LINEAR_UNIT_SIZE),
         Some(code) => Some(unit(path, code)?),
     };
-    if placement.linear_unit.is_some_and(|metres| !metres.is_finite() || metres <= 0.0) {
-        return Err(InputError::georef(path, "the size of the linear unit is not a positive number"));
+    if placement
+        .linear_unit
+        .is_some_and(|metres| !metres.is_finite() || metres <= 0.0)
+    {
+        return Err(InputError::georef(
+            path,
+            "the size of the linear unit is not a positive number",
+        ));
     }
     placement.vertical_unit = match keys.short(VERTICAL_UNITS) {
         Some(USER_DEFINED) | None => None,
         Some(code) => Some(unit(path, code)?),
     };
-    placement.nodata = tags.nodata.as_deref().and_then(|t| t.trim_matches(['\0', ' ', '\n']).parse().ok());
-    Ok(placement.or(tags.gdal_metadata.as_deref().map(pam::from_tiff_metadata).unwrap_or_default()))
+    placement.nodata = tags
+        .nodata
+        .as_deref()
+        .and_then(|t| t.trim_matches(['\0', ' ', '\n']).parse().ok());
+    Ok(placement.or(tags
+        .gdal_metadata
+        .as_deref()
+        .map(pam::from_tiff_metadata)
+        .unwrap_or_default()))
 }
 
 /// Metres per unit of an EPSG unit code.
@@ -64,16 +82,25 @@ fn unit(path: &Path, code: u16) -> Result<f64, InputError> {
         9003 => Ok(1200.0 / 3937.0),
         9030 => Ok(1852.0),
         9036 => Ok(1000.0),
-        _ => Err(InputError::georef(path, format!("linear unit with EPSG code {code} is not known"))),
+        _ => Err(InputError::georef(
+            path,
+            format!("linear unit with EPSG code {code} is not known"),
+        )),
     }
 }
 
 fn transform(path: &Path, tags: &TiffTags, point: bool) -> Result<Option<GeoTransform>, InputError> {
     let shift = if point { DVec2::splat(-0.5) } else { DVec2::ZERO };
-    let mut transform = match (tags.transformation.as_slice(), tags.pixel_scale.as_slice(), tags.tiepoints.as_slice()) {
-        (&[a, b, _, x, d, e, _, y, ..], _, _) => {
-            GeoTransform { origin: DVec2::new(x, y), column: DVec2::new(a, d), row: DVec2::new(b, e) }
-        }
+    let mut transform = match (
+        tags.transformation.as_slice(),
+        tags.pixel_scale.as_slice(),
+        tags.tiepoints.as_slice(),
+    ) {
+        (&[a, b, _, x, d, e, _, y, ..], _, _) => GeoTransform {
+            origin: DVec2::new(x, y),
+            column: DVec2::new(a, d),
+            row: DVec2::new(b, e),
+        },
         // Further tiepoints repeat what the first and the scale say.
         ([], &[sx, sy, ..], &[i, j, _, x, y, _, ..]) => GeoTransform {
             origin: DVec2::new(x - i * sx, y + j * sy),
@@ -81,7 +108,12 @@ fn transform(path: &Path, tags: &TiffTags, point: bool) -> Result<Option<GeoTran
             row: DVec2::new(0.0, -sy),
         },
         ([], _, []) => return Ok(None),
-        _ => return Err(InputError::georef(path, "ground control points without a pixel scale are not supported")),
+        _ => {
+            return Err(InputError::georef(
+                path,
+                "ground control points without a pixel scale are not supported",
+            ));
+        }
     };
     transform.origin = transform.at(shift);
     transform.checked(path).map(Some)
@@ -96,7 +128,10 @@ impl Keys<'_> {
     /// (place, count, value or offset) of a key.
     fn entry(&self, key: u16) -> Option<(u16, usize, u16)> {
         let entries = self.tags.keys.as_chunks::<4>().0.iter().skip(1);
-        entries.filter(|entry| entry[0] == key).map(|entry| (entry[1], usize::from(entry[2]), entry[3])).next()
+        entries
+            .filter(|entry| entry[0] == key)
+            .map(|entry| (entry[1], usize::from(entry[2]), entry[3]))
+            .next()
     }
 
     fn short(&self, key: u16) -> Option<u16> {
@@ -111,7 +146,10 @@ impl Keys<'_> {
     fn text(&self, key: u16) -> Option<String> {
         let (_, count, offset) = self.entry(key).filter(|entry| entry.0 == 34737)?;
         let text = self.tags.ascii.get(usize::from(offset)..)?;
-        let text = text.get(..count).unwrap_or(text).trim_end_matches(['|', '\0', ' ']);
+        let text = text
+            .get(..count)
+            .unwrap_or(text)
+            .trim_end_matches(['|', '\0', ' ']);
         (!text.is_empty()).then(|| text.replace('|', ", "))
     }
 }
@@ -134,8 +172,14 @@ mod tests {
     #[test]
     fn point_pixels_shift_by_half() {
         let path = Path::new("a.tif");
-        let area = placement(path, &tags(&[[GT_RASTER_TYPE, 0, 1, 1]])).unwrap().transform.unwrap();
-        let point = placement(path, &tags(&[[GT_RASTER_TYPE, 0, 1, 2]])).unwrap().transform.unwrap();
+        let area = placement(path, &tags(&[[GT_RASTER_TYPE, 0, 1, 1]]))
+            .unwrap()
+            .transform
+            .unwrap();
+        let point = placement(path, &tags(&[[GT_RASTER_TYPE, 0, 1, 2]]))
+            .unwrap()
+            .transform
+            .unwrap();
         assert_eq!(area.origin, DVec2::new(1000.0, 2000.0));
         assert_eq!(point.origin, DVec2::new(995.0, 2005.0));
     }
@@ -144,8 +188,9 @@ mod tests {
     fn transformation_matrix() {
         let mut tags = tags(&[]);
         tags.pixel_scale.clear();
-        tags.transformation =
-            vec![0.0, 2.0, 0.0, 7.0, 3.0, 0.0, 0.0, 8.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        tags.transformation = vec![
+            0.0, 2.0, 0.0, 7.0, 3.0, 0.0, 0.0, 8.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0,
+        ];
         let transform = placement(Path::new("a.tif"), &tags).unwrap().transform.unwrap();
         assert_eq!(transform.at(DVec2::new(1.0, 10.0)), DVec2::new(27.0, 11.0));
     }
@@ -153,10 +198,21 @@ mod tests {
     #[test]
     fn units_and_systems() {
         let path = Path::new("a.tif");
-        let feet = placement(path, &tags(&[[3072, 0, 1, 2992], [3076, 0, 1, 9002], [4099, 0, 1, 9003]])).unwrap();
-        assert_eq!((feet.linear_unit, feet.crs.as_deref()), (Some(0.3048), Some("EPSG:2992")));
+        let feet = placement(
+            path,
+            &tags(&[[3072, 0, 1, 2992], [3076, 0, 1, 9002], [4099, 0, 1, 9003]]),
+        )
+        .unwrap();
+        assert_eq!(
+            (feet.linear_unit, feet.crs.as_deref()),
+            (Some(0.3048), Some("EPSG:2992"))
+        );
         assert_eq!(feet.vertical_unit, Some(1200.0 / 3937.0));
-        let mut own = tags(&[[3076, 0, 1, USER_DEFINED], [3077, 34736, 1, 1], [1026, 34737, 3, 1]]);
+        let mut own = tags(&[
+            [3076, 0, 1, USER_DEFINED],
+            [3077, 34736, 1, 1],
+            [1026, 34737, 3, 1],
+        ]);
         own.doubles = vec![0.0, 0.2];
         own.ascii = "xab|".into();
         let own = placement(path, &own).unwrap();
@@ -169,6 +225,11 @@ mod tests {
     fn a_zero_pixel_scale_is_an_error() {
         let mut tags = tags(&[]);
         tags.pixel_scale = vec![0.0, 10.0, 0.0];
-        assert!(placement(Path::new("a.tif"), &tags).unwrap_err().to_string().contains("a.tif"));
+        assert!(
+            placement(Path::new("a.tif"), &tags)
+                .unwrap_err()
+                .to_string()
+                .contains("a.tif")
+        );
     }
 }

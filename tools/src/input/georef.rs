@@ -57,13 +57,25 @@ impl GeoTransform {
         }
         let column = DVec2::new(self.row.y, -self.column.y) / determinant;
         let row = DVec2::new(-self.row.x, self.column.x) / determinant;
-        let inverse = GeoTransform { origin: DVec2::ZERO, column, row };
-        Some(GeoTransform { origin: -inverse.at(self.origin), column, row })
+        let inverse = GeoTransform {
+            origin: DVec2::ZERO,
+            column,
+            row,
+        };
+        Some(GeoTransform {
+            origin: -inverse.at(self.origin),
+            column,
+            row,
+        })
     }
 
     /// The same pixels with coordinates multiplied by `unit`.
     pub fn scaled(&self, unit: f64) -> Self {
-        GeoTransform { origin: self.origin * unit, column: self.column * unit, row: self.row * unit }
+        GeoTransform {
+            origin: self.origin * unit,
+            column: self.column * unit,
+            row: self.row * unit,
+        }
     }
 
     /// The transform of another raster of `to` pixels (columns, rows) over the extent of this one's `from` pixels.
@@ -87,7 +99,10 @@ impl GeoTransform {
     /// Refuses numbers that are not finite and pixels without area; `path` is the file they come from.
     pub(crate) fn checked(self, path: &Path) -> Result<Self, InputError> {
         if !(self.origin.is_finite() && self.column.is_finite() && self.row.is_finite()) {
-            return Err(InputError::georef(path, "the transform has a number that is not finite"));
+            return Err(InputError::georef(
+                path,
+                "the transform has a number that is not finite",
+            ));
         }
         match self.inverse() {
             Some(_) => Ok(self),
@@ -184,7 +199,9 @@ pub(crate) fn read(path: &Path) -> Result<Placement, InputError> {
     }
     placement = placement.or(beside);
     if placement.geographic {
-        return Err(InputError::Degrees { path: path.to_path_buf() });
+        return Err(InputError::Degrees {
+            path: path.to_path_buf(),
+        });
     }
     Ok(placement)
 }
@@ -194,7 +211,8 @@ fn read_prj(image: &Path) -> Result<Placement, InputError> {
     let mut placement = Placement::default();
     let path = image.with_extension("prj");
     if let Ok(bytes) = fs::read(&path) {
-        placement.set_crs(wkt::parse(&String::from_utf8_lossy(&bytes)).map_err(|e| InputError::georef(&path, e))?);
+        placement
+            .set_crs(wkt::parse(&String::from_utf8_lossy(&bytes)).map_err(|e| InputError::georef(&path, e))?);
     }
     Ok(placement)
 }
@@ -213,7 +231,10 @@ mod tests {
         let pixel = DVec2::new(123.25, 4567.5);
         let back = transform.inverse().unwrap().at(transform.at(pixel));
         assert!((back - pixel).length() < 1e-6, "{back}");
-        let flat = GeoTransform { row: transform.column, ..transform };
+        let flat = GeoTransform {
+            row: transform.column,
+            ..transform
+        };
         assert!(flat.inverse().is_none());
         assert!(flat.checked(Path::new("a")).is_err());
     }
@@ -221,9 +242,15 @@ mod tests {
     #[test]
     fn north_up_bounds() {
         let transform = GeoTransform::north_up(DVec2::new(10.0, 20.0), 2.0, 5);
-        assert_eq!(transform.bounds((3, 5)), (DVec2::new(10.0, 20.0), DVec2::new(16.0, 30.0)));
+        assert_eq!(
+            transform.bounds((3, 5)),
+            (DVec2::new(10.0, 20.0), DVec2::new(16.0, 30.0))
+        );
         assert_eq!(transform.at(DVec2::ZERO).y, 30.0);
-        assert_eq!(transform.resized((3, 5), (6, 10)).bounds((6, 10)), transform.bounds((3, 5)));
+        assert_eq!(
+            transform.resized((3, 5), (6, 10)).bounds((6, 10)),
+            transform.bounds((3, 5))
+        );
     }
 
     #[test]
@@ -234,7 +261,10 @@ mod tests {
         fs::write(dir.path().join("a.pgw"), "1\n0\n0\n-1\n0.5\n1.5\n").unwrap();
         fs::write(dir.path().join("a.prj"), "PROJCS[\"p\",UNIT[\"foot\",0.3048]]").unwrap();
         let placement = read(&image).unwrap();
-        assert_eq!(placement.georef().unwrap().to_world().bounds((2, 2)).1, DVec2::splat(2.0 * 0.3048));
+        assert_eq!(
+            placement.georef().unwrap().to_world().bounds((2, 2)).1,
+            DVec2::splat(2.0 * 0.3048)
+        );
         fs::write(
             dir.path().join("a.png.aux.xml"),
             "<PAMDataset><GeoTransform>0,5,0,10,0,-5</GeoTransform></PAMDataset>",
@@ -243,7 +273,11 @@ mod tests {
         let georef = read(&image).unwrap().georef().unwrap();
         assert_eq!(georef.transform.column.x, 5.0);
         assert_eq!(georef.crs.as_deref(), Some("p"));
-        fs::write(dir.path().join("a.prj"), "GEOGCS[\"WGS 84\",UNIT[\"degree\",0.01745]]").unwrap();
+        fs::write(
+            dir.path().join("a.prj"),
+            "GEOGCS[\"WGS 84\",UNIT[\"degree\",0.01745]]",
+        )
+        .unwrap();
         assert!(read(&image).unwrap_err().to_string().contains("degrees"));
     }
 }

@@ -75,19 +75,40 @@ impl HeightMap {
     /// Pixels without area, or no valid height at all.
     pub fn new(path: &Path, size: (u32, u32), data: Vec<f32>, georef: Georef) -> Result<Self, InputError> {
         if data.len() != size.0 as usize * size.1 as usize {
-            return Err(InputError::damaged(path, format!("{} heights for {} x {} pixels", data.len(), size.0, size.1)));
+            return Err(InputError::damaged(
+                path,
+                format!("{} heights for {} x {} pixels", data.len(), size.0, size.1),
+            ));
         }
         let to_world = georef.to_world().checked(path)?;
-        let to_pixel = to_world.inverse().ok_or_else(|| InputError::georef(path, "the pixel size is zero"))?;
+        let to_pixel = to_world
+            .inverse()
+            .ok_or_else(|| InputError::georef(path, "the pixel size is zero"))?;
         let min_max = data
             .par_iter()
             .filter(|h| !h.is_nan())
-            .fold(|| (f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), h| (h.min(lo), h.max(hi)))
-            .reduce(|| (f32::INFINITY, f32::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+            .fold(
+                || (f32::INFINITY, f32::NEG_INFINITY),
+                |(lo, hi), h| (h.min(lo), h.max(hi)),
+            )
+            .reduce(
+                || (f32::INFINITY, f32::NEG_INFINITY),
+                |a, b| (a.0.min(b.0), a.1.max(b.1)),
+            );
         if min_max.0 > min_max.1 {
-            return Err(InputError::NoHeights { path: path.to_path_buf() });
+            return Err(InputError::NoHeights {
+                path: path.to_path_buf(),
+            });
         }
-        Ok(HeightMap { width: size.0, height: size.1, data, georef, to_world, to_pixel, min_max })
+        Ok(HeightMap {
+            width: size.0,
+            height: size.1,
+            data,
+            georef,
+            to_world,
+            to_pixel,
+            min_max,
+        })
     }
 
     /// Reads a height map: PNG with 8 or 16 bits, TIFF or GeoTIFF with integers or floats, one band.
@@ -203,7 +224,11 @@ impl Samples {
         if image.bands != 1 {
             return Err(one_band(path, image.bands));
         }
-        Ok(Samples { width: image.width, height: image.height, values: image.samples })
+        Ok(Samples {
+            width: image.width,
+            height: image.height,
+            values: image.samples,
+        })
     }
 
     fn from_png(path: &Path) -> Result<Samples, InputError> {
@@ -214,14 +239,21 @@ impl Samples {
             DynamicImage::ImageLuma16(image) => DecodingResult::U16(image.into_raw()),
             other => return Err(one_band(path, usize::from(other.color().channel_count()))),
         };
-        Ok(Samples { width, height, values })
+        Ok(Samples {
+            width,
+            height,
+            values,
+        })
     }
 
     fn place(self, path: &Path, place: Placement, options: HeightOptions) -> Result<HeightMap, InputError> {
         let georef = match (place.georef(), options.pixel_size) {
             (Some(georef), _) => georef,
             (None, Some(size)) if !(size.is_finite() && size > 0.0) => {
-                return Err(InputError::georef(path, format!("pixel size {size} is not a positive number")));
+                return Err(InputError::georef(
+                    path,
+                    format!("pixel size {size} is not a positive number"),
+                ));
             }
             (None, size) => Georef {
                 transform: GeoTransform::north_up(DVec2::ZERO, size.unwrap_or(1.0), self.height),
@@ -251,7 +283,11 @@ impl Samples {
         let metres = |raw: f64| -> f32 {
             let is_nodata = |n: f64| raw == n || raw as f32 == n as f32;
             let height = raw * scale + offset;
-            if nodata.is_some_and(is_nodata) || void == Some(raw) || !(height.abs() <= MAX_HEIGHT) {
+            if nodata.is_some_and(is_nodata)
+                || void == Some(raw)
+                || height.is_nan()
+                || height.abs() > MAX_HEIGHT
+            {
                 f32::NAN
             } else {
                 (height * unit) as f32
@@ -266,7 +302,12 @@ impl Samples {
             DecodingResult::I32(v) => convert(v, metres),
             DecodingResult::F32(v) => convert(v, metres),
             DecodingResult::F64(v) => convert(v, metres),
-            _ => return Err(InputError::unsupported(path, "heights are read as 8, 16 or 32-bit integers or 32 or 64-bit floats")),
+            _ => {
+                return Err(InputError::unsupported(
+                    path,
+                    "heights are read as 8, 16 or 32-bit integers or 32 or 64-bit floats",
+                ));
+            }
         };
         HeightMap::new(path, (self.width, self.height), data, georef)
     }
@@ -298,7 +339,10 @@ mod tests {
 
     fn png16(dir: &Path, name: &str, w: u32, h: u32, values: &[u16]) -> PathBuf {
         let path = dir.join(name);
-        image::ImageBuffer::<image::Luma<u16>, _>::from_raw(w, h, values.to_vec()).unwrap().save(&path).unwrap();
+        image::ImageBuffer::<image::Luma<u16>, _>::from_raw(w, h, values.to_vec())
+            .unwrap()
+            .save(&path)
+            .unwrap();
         path
     }
 
@@ -318,7 +362,11 @@ mod tests {
         assert_eq!(map.height_at(0.0, 0.0), Some(4.0));
         assert_eq!(map.height_at(3.01, 1.0), None);
         assert_eq!(map.min_max(), (1.0, 6.0));
-        let options = HeightOptions { pixel_size: Some(2.0), range: Some((10.0, 75.535)), ..Default::default() };
+        let options = HeightOptions {
+            pixel_size: Some(2.0),
+            range: Some((10.0, 75.535)),
+            ..Default::default()
+        };
         let map = HeightMap::load(&path, options).unwrap();
         assert_eq!(map.bounds().1, DVec2::new(6.0, 4.0));
         close(map.height_at(1.0, 3.0).unwrap(), 10.001, 1e-5);
@@ -339,7 +387,11 @@ mod tests {
         assert_eq!(map.bounds(), (DVec2::new(100.0, 200.0), DVec2::new(101.0, 201.0)));
         assert_eq!(map.height_at(100.25, 200.75), Some(-5.0));
         assert_eq!(map.height_at(100.75, 200.75), Some(20.0));
-        assert_eq!(map.height_at(100.25, 200.25), Some(45.0), "nodata with weight zero does not count");
+        assert_eq!(
+            map.height_at(100.25, 200.25),
+            Some(45.0),
+            "nodata with weight zero does not count"
+        );
         assert_eq!(map.height_at(100.5, 200.5), None, "nodata counts");
     }
 
@@ -361,14 +413,21 @@ mod tests {
         close(map.bounds().1.y, 609.6, 1e-9);
         close(f64::from(map.data[0]), 30.48, 1e-5);
         assert_eq!(map.data.iter().filter(|h| h.is_nan()).count(), 4);
-        let options = HeightOptions { height_unit: Some(HeightUnit::Metres), ..Default::default() };
+        let options = HeightOptions {
+            height_unit: Some(HeightUnit::Metres),
+            ..Default::default()
+        };
         assert_eq!(HeightMap::load(&path, options).unwrap().min_max(), (100.0, 200.0));
     }
 
     #[test]
     fn rotated_grid() {
         let georef = Georef {
-            transform: GeoTransform { origin: DVec2::new(5.0, 5.0), column: DVec2::Y, row: DVec2::X },
+            transform: GeoTransform {
+                origin: DVec2::new(5.0, 5.0),
+                column: DVec2::Y,
+                row: DVec2::X,
+            },
             crs: None,
             linear_unit_metres: 1.0,
             vertical_unit_metres: None,
@@ -377,7 +436,10 @@ mod tests {
         let map = HeightMap::new(Path::new("a"), (2, 1), vec![1.0, 2.0], georef).unwrap();
         assert_eq!(map.bounds(), (DVec2::new(5.0, 5.0), DVec2::new(6.0, 7.0)));
         assert_eq!(map.height_at(5.5, 6.0), Some(1.5));
-        assert_eq!(map.world_to_pixel(map.pixel_to_world(DVec2::new(1.25, 0.5))), DVec2::new(1.25, 0.5));
+        assert_eq!(
+            map.world_to_pixel(map.pixel_to_world(DVec2::new(1.25, 0.5))),
+            DVec2::new(1.25, 0.5)
+        );
     }
 
     #[test]
@@ -388,11 +450,15 @@ mod tests {
         let none = HeightMap::load(&path, HeightOptions::default()).unwrap_err();
         assert!(matches!(none, InputError::NoHeights { .. }));
         fs::write(&path, float_tiff(2, 2, &[1.0; 3], Vec::new())).unwrap();
-        let short = HeightMap::load(&path, HeightOptions::default()).unwrap_err().to_string();
+        let short = HeightMap::load(&path, HeightOptions::default())
+            .unwrap_err()
+            .to_string();
         assert!(short.contains("a.tif") && !short.contains('\n'), "{short}");
         let rgb = dir.path().join("rgb.png");
         image::RgbImage::new(2, 2).save(&rgb).unwrap();
-        let bands = HeightMap::load(&rgb, HeightOptions::default()).unwrap_err().to_string();
+        let bands = HeightMap::load(&rgb, HeightOptions::default())
+            .unwrap_err()
+            .to_string();
         assert!(bands.contains("one band"), "{bands}");
         let missing = HeightMap::load(&dir.path().join("none.png"), HeightOptions::default()).unwrap_err();
         assert!(missing.to_string().contains("none.png"));
@@ -419,8 +485,12 @@ mod tests {
 
     #[test]
     fn autzen_is_in_feet() {
-        let Some(heights) = data("autzen_lidar_ortho/autzen_dsm_1ft.tif") else { return };
-        let Some(image) = data("autzen_lidar_ortho/autzen.jpg") else { return };
+        let Some(heights) = data("autzen_lidar_ortho/autzen_dsm_1ft.tif") else {
+            return;
+        };
+        let Some(image) = data("autzen_lidar_ortho/autzen.jpg") else {
+            return;
+        };
         let (map, imagery) = load_layer(&heights, Some(&image), HeightOptions::default()).unwrap();
         let (min, max) = map.bounds();
         close(max.x - min.x, 990.0, 0.5);
@@ -433,13 +503,19 @@ mod tests {
 
     #[test]
     fn sertig_is_in_metres_and_santabarbara_in_degrees() {
-        let Some(heights) = data("sertig_valley_ch/sertig_valley.tif") else { return };
+        let Some(heights) = data("sertig_valley_ch/sertig_valley.tif") else {
+            return;
+        };
         let map = HeightMap::load(&heights, HeightOptions::default()).unwrap();
         assert_eq!(map.georef.crs.as_deref(), Some("EPSG:21781"));
         close(map.bounds().1.x - map.bounds().0.x, 6410.0, 1e-6);
         close(f64::from(map.min_max().1), 3002.0, 1.0);
-        let Some(degrees) = data("santabarbara/sba_elev32_wgs84_512x512.tif") else { return };
-        let message = HeightMap::load(&degrees, HeightOptions::default()).unwrap_err().to_string();
+        let Some(degrees) = data("santabarbara/sba_elev32_wgs84_512x512.tif") else {
+            return;
+        };
+        let message = HeightMap::load(&degrees, HeightOptions::default())
+            .unwrap_err()
+            .to_string();
         assert!(message.contains("degrees"), "{message}");
     }
 }

@@ -32,7 +32,10 @@ pub struct Raster {
 /// Refuses a declared size beyond [`MAX_SIDE`] and [`MAX_PIXELS`], or without pixels, before anything is allocated.
 pub(crate) fn check_size(path: &Path, width: u32, height: u32) -> Result<(), InputError> {
     if width == 0 || height == 0 {
-        return Err(InputError::damaged(path, format!("the image has no pixels ({width} x {height})")));
+        return Err(InputError::damaged(
+            path,
+            format!("the image has no pixels ({width} x {height})"),
+        ));
     }
     if width > MAX_SIDE || height > MAX_SIDE || u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(InputError::TooLarge {
@@ -62,10 +65,18 @@ pub(crate) fn decode(path: &Path) -> Result<image::DynamicImage, InputError> {
         .map_err(|e| InputError::io(path, e))?;
     let format = match reader.format().or_else(|| ImageFormat::from_path(path).ok()) {
         Some(f @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::Bmp | ImageFormat::Tga)) => f,
-        _ => return Err(InputError::unsupported(path, "not a PNG, JPEG, BMP, TGA or TIFF image")),
+        _ => {
+            return Err(InputError::unsupported(
+                path,
+                "not a PNG, JPEG, BMP, TGA or TIFF image",
+            ));
+        }
     };
     if format == ImageFormat::Jpeg && !jpeg_is_complete(&bytes) {
-        return Err(InputError::damaged(path, "the JPEG file is cut short (no end marker)"));
+        return Err(InputError::damaged(
+            path,
+            "the JPEG file is cut short (no end marker)",
+        ));
     }
     reader.set_format(format);
     let (width, height) = ImageReader::with_format(Cursor::new(bytes.as_slice()), format)
@@ -94,7 +105,11 @@ fn jpeg_is_complete(bytes: &[u8]) -> bool {
             return bytes[at..].windows(2).rev().any(|pair| pair == [0xff, 0xd9]);
         }
         // Fill bytes before a marker are legal.
-        at += if marker == 0xff { 1 } else { 2 + usize::from(u16::from_be_bytes([hi, lo])) };
+        at += if marker == 0xff {
+            1
+        } else {
+            2 + usize::from(u16::from_be_bytes([hi, lo]))
+        };
     }
     false
 }
@@ -111,7 +126,11 @@ impl Raster {
         let image = decode(path)?.into_rgba8();
         let (width, height) = image.dimensions();
         let pixels = image.into_raw().as_chunks::<4>().0.to_vec();
-        Ok(Raster { width, height, pixels })
+        Ok(Raster {
+            width,
+            height,
+            pixels,
+        })
     }
 
     /// The pixel at a column and row; both are clamped to the image.
@@ -126,14 +145,23 @@ fn from_tiff(path: &Path, image: TiffImage) -> Result<Raster, InputError> {
     let count = image.width as usize * image.height as usize;
     let bytes: Vec<u8> = match image.samples {
         DecodingResult::U8(samples) => samples,
-        DecodingResult::U16(samples) => {
-            samples.into_iter().map(|s| ((u32::from(s) * 255 + 32767) / 65535) as u8).collect()
+        DecodingResult::U16(samples) => samples
+            .into_iter()
+            .map(|s| ((u32::from(s) * 255 + 32767) / 65535) as u8)
+            .collect(),
+        _ => {
+            return Err(InputError::unsupported(
+                path,
+                "colour TIFF images are read with 8 or 16 bits a sample",
+            ));
         }
-        _ => return Err(InputError::unsupported(path, "colour TIFF images are read with 8 or 16 bits a sample")),
     };
     let bands = image.bands;
     if bytes.len() < count * bands {
-        return Err(InputError::damaged(path, "the TIFF image has fewer samples than its size asks for"));
+        return Err(InputError::damaged(
+            path,
+            "the TIFF image has fewer samples than its size asks for",
+        ));
     }
     let (pixel_step, band_step) = if image.planar { (1, count) } else { (bands, 1) };
     let sample = |pixel: usize, band: usize| bytes[pixel * pixel_step + band * band_step];
@@ -141,37 +169,50 @@ fn from_tiff(path: &Path, image: TiffImage) -> Result<Raster, InputError> {
     let rgb = |i: usize| [sample(i, 0), sample(i, 1), sample(i, 2), 255];
     let mut pixels: Vec<[u8; 4]> = match image.color {
         ColorType::Gray(8 | 16) => (0..count).map(grey).collect(),
-        ColorType::GrayA(_) | ColorType::Multiband { num_samples: 2, .. } => {
-            (0..count).map(|i| [sample(i, 0), sample(i, 0), sample(i, 0), sample(i, 1)]).collect()
-        }
+        ColorType::GrayA(_) | ColorType::Multiband { num_samples: 2, .. } => (0..count)
+            .map(|i| [sample(i, 0), sample(i, 0), sample(i, 0), sample(i, 1)])
+            .collect(),
         ColorType::RGB(_) | ColorType::Multiband { num_samples: 3.., .. } if bands >= 3 => {
             (0..count).map(rgb).collect()
         }
-        ColorType::RGBA(_) if bands >= 4 => {
-            (0..count).map(|i| [sample(i, 0), sample(i, 1), sample(i, 2), sample(i, 3)]).collect()
-        }
+        ColorType::RGBA(_) if bands >= 4 => (0..count)
+            .map(|i| [sample(i, 0), sample(i, 1), sample(i, 2), sample(i, 3)])
+            .collect(),
         ColorType::YCbCr(_) if bands == 3 => (0..count).map(|i| ycbcr(rgb(i))).collect(),
-        other => return Err(InputError::unsupported(path, format!("TIFF colour type {other:?} is not read"))),
+        other => {
+            return Err(InputError::unsupported(
+                path,
+                format!("TIFF colour type {other:?} is not read"),
+            ));
+        }
     };
     if image.associated_alpha {
         pixels.iter_mut().for_each(straighten);
     }
-    Ok(Raster { width: image.width, height: image.height, pixels })
+    Ok(Raster {
+        width: image.width,
+        height: image.height,
+        pixels,
+    })
 }
 
 /// Full-range BT.601, which is what JPEG in TIFF uses.
 fn ycbcr([y, cb, cr, a]: [u8; 4]) -> [u8; 4] {
     let (y, cb, cr) = (f32::from(y), f32::from(cb) - 128.0, f32::from(cr) - 128.0);
     let code = |v: f32| v.round().clamp(0.0, 255.0) as u8;
-    [code(y + 1.402 * cr), code(y - 0.344_136 * cb - 0.714_136 * cr), code(y + 1.772 * cb), a]
+    [
+        code(y + 1.402 * cr),
+        code(y - 0.344_136 * cb - 0.714_136 * cr),
+        code(y + 1.772 * cb),
+        a,
+    ]
 }
 
 fn straighten(pixel: &mut [u8; 4]) {
     let a = u32::from(pixel[3]);
-    if a > 0 {
-        for c in &mut pixel[..3] {
-            *c = ((u32::from(*c) * 255 + a / 2) / a).min(255) as u8;
-        }
+    for c in &mut pixel[..3] {
+        // What is not there has no colour.
+        *c = (u32::from(*c) * 255 + a / 2).checked_div(a).unwrap_or(0).min(255) as u8;
     }
 }
 
@@ -196,7 +237,9 @@ mod tests {
     #[test]
     fn truncated_files_are_errors_naming_the_file() {
         let dir = tempfile::tempdir().unwrap();
-        let image = image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([(x * y) as u8, (x ^ y) as u8, (x * 7) as u8]));
+        let image = image::RgbImage::from_fn(64, 64, |x, y| {
+            image::Rgb([(x * y) as u8, (x ^ y) as u8, (x * 7) as u8])
+        });
         for name in ["a.png", "a.jpg", "a.bmp", "a.tga"] {
             let path = dir.path().join(name);
             image.save(&path).unwrap();
@@ -213,10 +256,14 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.tif");
         let mut encoder = TiffEncoder::new(fs::File::create(&path).unwrap()).unwrap();
-        encoder.write_image::<colortype::RGB16>(1, 1, &[65535, 257 * 7, 0]).unwrap();
+        encoder
+            .write_image::<colortype::RGB16>(1, 1, &[65535, 257 * 7, 0])
+            .unwrap();
         assert_eq!(Raster::load(&path).unwrap().pixels, [[255, 7, 0, 255]]);
         let mut encoder = TiffEncoder::new(fs::File::create(&path).unwrap()).unwrap();
-        encoder.write_image::<colortype::RGBA8>(1, 2, &[1, 2, 3, 4, 5, 6, 7, 0]).unwrap();
+        encoder
+            .write_image::<colortype::RGBA8>(1, 2, &[1, 2, 3, 4, 5, 6, 7, 0])
+            .unwrap();
         assert_eq!(Raster::load(&path).unwrap().pixels, [[1, 2, 3, 4], [5, 6, 7, 0]]);
         let bytes = fs::read(&path).unwrap();
         fs::write(&path, &bytes[..12]).unwrap();
@@ -228,8 +275,15 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("planar.tif");
         // Two pixels, four planes; alpha is multiplied in.
-        fs::write(&path, test_data::planar_tiff(2, 1, &[&[100, 1], &[50, 2], &[0, 3], &[128, 255]], 1)).unwrap();
-        assert_eq!(Raster::load(&path).unwrap().pixels, [[199, 100, 0, 128], [1, 2, 3, 255]]);
+        fs::write(
+            &path,
+            test_data::planar_tiff(2, 1, &[&[100, 1], &[50, 2], &[0, 3], &[128, 255]], 1),
+        )
+        .unwrap();
+        assert_eq!(
+            Raster::load(&path).unwrap().pixels,
+            [[199, 100, 0, 128], [1, 2, 3, 255]]
+        );
     }
 
     #[test]
@@ -246,7 +300,9 @@ mod tests {
 
     #[test]
     fn sertig_rgba_tiff() {
-        let Some(path) = data("sertig_valley_ch/sertig_valley_color.tif") else { return };
+        let Some(path) = data("sertig_valley_ch/sertig_valley_color.tif") else {
+            return;
+        };
         let raster = Raster::load(&path).unwrap();
         assert_eq!((raster.width, raster.height), (641, 917));
         assert!(raster.pixels.iter().any(|p| p[3] == 255));

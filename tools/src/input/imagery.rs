@@ -49,33 +49,56 @@ impl Imagery {
             && image.starts_with("EPSG:")
             && ground.starts_with("EPSG:")
         {
-            let what = format!("the image is in {image} but the heights are in {ground}; project one of them");
-            return Err(InputError::Mismatch { path: path.to_path_buf(), what });
+            let what =
+                format!("the image is in {image} but the heights are in {ground}; project one of them");
+            return Err(InputError::Mismatch {
+                path: path.to_path_buf(),
+                what,
+            });
         }
         if placement.linear_unit.is_none() && placement.crs.is_none() {
             placement.linear_unit = Some(heights.georef.linear_unit_metres);
             placement.crs = heights.georef.crs.clone();
         }
         let georef = placement.georef().unwrap_or_else(|| Georef {
-            transform: heights.georef.transform.resized((heights.width, heights.height), size),
+            transform: heights
+                .georef
+                .transform
+                .resized((heights.width, heights.height), size),
             ..heights.georef.clone()
         });
         let to_world = georef.to_world();
-        let to_pixel = to_world.inverse().ok_or_else(|| InputError::georef(path, "the pixel size is zero"))?;
+        let to_pixel = to_world
+            .inverse()
+            .ok_or_else(|| InputError::georef(path, "the pixel size is zero"))?;
         let ((image_min, image_max), (min, max)) = (to_world.bounds(size), heights.bounds());
         if image_min.cmpge(max).any() || image_max.cmple(min).any() {
             let what = format!(
                 "the image ({image_min:.1} to {image_max:.1} m) does not overlap the heights ({min:.1} to {max:.1} m)"
             );
-            return Err(InputError::Mismatch { path: path.to_path_buf(), what });
+            return Err(InputError::Mismatch {
+                path: path.to_path_buf(),
+                what,
+            });
         }
-        if let Some(code) = placement.nodata.filter(|v| (0.0..=255.0).contains(v) && v.fract() == 0.0)
+        if let Some(code) = placement
+            .nodata
+            .filter(|v| (0.0..=255.0).contains(v) && v.fract() == 0.0)
             && file_start(path)?.get(..2) != Some(&[0xff, 0xd8])
         {
             let code = code as u8;
-            raster.pixels.iter_mut().filter(|p| p[..3] == [code; 3]).for_each(|p| *p = [0; 4]);
+            raster
+                .pixels
+                .iter_mut()
+                .filter(|p| p[..3] == [code; 3])
+                .for_each(|p| *p = [0; 4]);
         }
-        Ok(Imagery { raster, georef, to_pixel, linear: Box::new(*LINEAR) })
+        Ok(Imagery {
+            raster,
+            georef,
+            to_pixel,
+            linear: Box::new(*LINEAR),
+        })
     }
 
     /// Mean colour over the world rectangle from `(x0, y0)` to `(x1, y1)`, metres: premultiplied linear-light RGBA.
@@ -92,7 +115,10 @@ impl Imagery {
         let mut weight = 0.0f32;
         for row in rows.clone() {
             let start = row * self.raster.width as usize;
-            let pixels = self.raster.pixels.get(start + columns.start..start + columns.end)?;
+            let pixels = self
+                .raster
+                .pixels
+                .get(start + columns.start..start + columns.end)?;
             let row_weight = wy.weight(row);
             for (column, pixel) in columns.clone().zip(pixels) {
                 let w = row_weight * wx.weight(column);
@@ -125,8 +151,14 @@ impl Span {
         let half = half.max(0.5);
         // A box mostly outside still covers something of the first or last pixel.
         let center = center.clamp(0.5 - half + 1e-3, size - 0.5 + half - 1e-3);
-        let span = Span { low: (center - half).max(0.0), high: (center + half).min(size) };
-        Some((span.low as usize..(span.high.ceil() as usize).min(size as usize), span))
+        let span = Span {
+            low: (center - half).max(0.0),
+            high: (center + half).min(size),
+        };
+        Some((
+            span.low as usize..(span.high.ceil() as usize).min(size as usize),
+            span,
+        ))
     }
 
     /// How much of pixel `index` is covered, 0..1.
@@ -151,8 +183,16 @@ pub fn ramp_color(height01: f32, up: f32) -> [f32; 4] {
         (1.00, [0.93, 0.94, 0.95]),
     ];
     const ROCK: [f32; 3] = [0.42, 0.39, 0.36];
-    let t = if height01.is_nan() { 0.0 } else { height01.clamp(0.0, 1.0) };
-    let above = STOPS.iter().position(|stop| stop.0 >= t).unwrap_or(STOPS.len() - 1).max(1);
+    let t = if height01.is_nan() {
+        0.0
+    } else {
+        height01.clamp(0.0, 1.0)
+    };
+    let above = STOPS
+        .iter()
+        .position(|stop| stop.0 >= t)
+        .unwrap_or(STOPS.len() - 1)
+        .max(1);
     let ((t0, low), (t1, high)) = (STOPS[above - 1], STOPS[above]);
     let k = (t - t0) / (t1 - t0);
     let steep = ((0.85 - up) / 0.25).clamp(0.0, 1.0);
@@ -177,11 +217,21 @@ mod tests {
             vertical_unit_metres: None,
             geographic: false,
         };
-        HeightMap::new(Path::new("h"), (width, height), vec![0.0; (width * height) as usize], georef).unwrap()
+        HeightMap::new(
+            Path::new("h"),
+            (width, height),
+            vec![0.0; (width * height) as usize],
+            georef,
+        )
+        .unwrap()
     }
 
     fn imagery(width: u32, height: u32, pixels: Vec<[u8; 4]>, heights: &HeightMap) -> Imagery {
-        let raster = Raster { width, height, pixels };
+        let raster = Raster {
+            width,
+            height,
+            pixels,
+        };
         Imagery::place(Path::new("i"), raster, Placement::default(), heights).unwrap()
     }
 
@@ -192,16 +242,30 @@ mod tests {
     #[test]
     fn covers_the_heights_with_row_0_in_the_north() {
         let image = imagery(1, 2, vec![RED, GREEN], &flat_heights(4, 4));
-        assert_eq!(image.color_at_area(1.0, 3.0, 1.1, 3.1), Some([1.0, 0.0, 0.0, 1.0]));
-        assert_eq!(image.color_at_area(1.0, 0.5, 1.1, 0.6), Some([0.0, 1.0, 0.0, 1.0]));
+        assert_eq!(
+            image.color_at_area(1.0, 3.0, 1.1, 3.1),
+            Some([1.0, 0.0, 0.0, 1.0])
+        );
+        assert_eq!(
+            image.color_at_area(1.0, 0.5, 1.1, 0.6),
+            Some([0.0, 1.0, 0.0, 1.0])
+        );
         assert_eq!(image.color_at_area(4.1, 1.0, 4.2, 1.1), None);
     }
 
     #[test]
     fn box_weights_are_fractional_and_linear() {
-        let image = imagery(4, 1, vec![RED, GREEN, [188, 188, 188, 255], CLEAR], &flat_heights(4, 1));
+        let image = imagery(
+            4,
+            1,
+            vec![RED, GREEN, [188, 188, 188, 255], CLEAR],
+            &flat_heights(4, 1),
+        );
         let mean = image.color_at_area(0.5, 0.0, 2.0, 1.0).unwrap();
-        assert!((mean[0] - 1.0 / 3.0).abs() < 1e-6 && (mean[1] - 2.0 / 3.0).abs() < 1e-6, "{mean:?}");
+        assert!(
+            (mean[0] - 1.0 / 3.0).abs() < 1e-6 && (mean[1] - 2.0 / 3.0).abs() < 1e-6,
+            "{mean:?}"
+        );
         let grey = image.color_at_area(2.2, 0.4, 2.8, 0.6).unwrap();
         assert!((grey[0] - srgb_to_linear(188) * grey[3]).abs() < 1e-6);
         assert_eq!(image.color_at_area(3.5, 0.0, 4.0, 1.0), None, "fully transparent");
@@ -213,7 +277,10 @@ mod tests {
     fn narrow_rectangles_interpolate() {
         let image = imagery(2, 1, vec![RED, GREEN], &flat_heights(2, 1));
         let mean = image.color_at_area(0.74, 0.49, 0.76, 0.51).unwrap();
-        assert!((mean[0] - 0.75).abs() < 1e-3 && (mean[1] - 0.25).abs() < 1e-3, "{mean:?}");
+        assert!(
+            (mean[0] - 0.75).abs() < 1e-3 && (mean[1] - 0.25).abs() < 1e-3,
+            "{mean:?}"
+        );
         let edge = image.color_at_area(0.0, 0.4, 0.01, 0.41).unwrap();
         assert_eq!(edge, [1.0, 0.0, 0.0, 1.0]);
     }
@@ -225,11 +292,21 @@ mod tests {
         image::RgbImage::new(2, 2).save(&path).unwrap();
         fs::write(dir.path().join("i.pgw"), "1\n0\n0\n-1\n1000\n1000\n").unwrap();
         let message = Imagery::load(&path, &flat_heights(4, 4)).unwrap_err().to_string();
-        assert!(message.contains("i.png") && message.contains("does not overlap"), "{message}");
+        assert!(
+            message.contains("i.png") && message.contains("does not overlap"),
+            "{message}"
+        );
         let mut heights = flat_heights(4, 4);
         heights.georef.crs = Some("EPSG:1".into());
-        let placement = Placement { crs: Some("EPSG:2".into()), ..Placement::default() };
-        let raster = Raster { width: 1, height: 1, pixels: vec![RED] };
+        let placement = Placement {
+            crs: Some("EPSG:2".into()),
+            ..Placement::default()
+        };
+        let raster = Raster {
+            width: 1,
+            height: 1,
+            pixels: vec![RED],
+        };
         assert!(Imagery::place(&path, raster, placement, &heights).is_err());
     }
 
@@ -237,7 +314,10 @@ mod tests {
     fn declared_nodata_is_transparent() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("i.png");
-        image::RgbImage::from_raw(2, 1, vec![0, 0, 0, 0, 9, 0]).unwrap().save(&path).unwrap();
+        image::RgbImage::from_raw(2, 1, vec![0, 0, 0, 0, 9, 0])
+            .unwrap()
+            .save(&path)
+            .unwrap();
         fs::write(
             dir.path().join("i.png.aux.xml"),
             "<PAMDataset><PAMRasterBand band=\"1\"><NoDataValue>0</NoDataValue></PAMRasterBand></PAMDataset>",

@@ -11,7 +11,11 @@ pub(crate) static LINEAR: LazyLock<[f32; 256]> =
 /// Linear light of an sRGB value between 0 and 1 that need not be an 8-bit code (material colours).
 pub(crate) fn linear_of(srgb: f32) -> f32 {
     let s = srgb.clamp(0.0, 1.0);
-    if s <= 0.04045 { s / 12.92 } else { ((s + 0.055) / 1.055).powf(2.4) }
+    if s <= 0.04045 {
+        s / 12.92
+    } else {
+        ((s + 0.055) / 1.055).powf(2.4)
+    }
 }
 
 /// A straight sRGB pixel as premultiplied linear light.

@@ -32,13 +32,23 @@ pub(crate) struct MapRef {
 
 impl MtlMaterial {
     fn new(name: &str) -> Self {
-        MtlMaterial { name: name.into(), diffuse: [0.8; 3], dissolve: 1.0, color_map: None, alpha_map: None }
+        MtlMaterial {
+            name: name.into(),
+            diffuse: [0.8; 3],
+            dissolve: 1.0,
+            color_map: None,
+            alpha_map: None,
+        }
     }
 
     /// Linear-light colour that multiplies the texture. Some programs write a black `Kd` beside a texture and do not
     /// mean a black surface.
     pub(crate) fn color(&self) -> [f32; 4] {
-        let [r, g, b] = if self.color_map.is_some() && self.diffuse == [0.0; 3] { [1.0; 3] } else { self.diffuse };
+        let [r, g, b] = if self.color_map.is_some() && self.diffuse == [0.0; 3] {
+            [1.0; 3]
+        } else {
+            self.diffuse
+        };
         [linear_of(r), linear_of(g), linear_of(b), self.dissolve]
     }
 }
@@ -60,13 +70,15 @@ pub(crate) fn read(path: &Path) -> Result<Vec<MtlMaterial>, InputError> {
         if !matches!(keyword, "Kd" | "d" | "Tr" | "map_Kd" | "map_kd" | "map_d") {
             continue;
         }
-        let material = materials.last_mut().ok_or_else(|| fault(format!("{keyword} before the first newmtl")))?;
+        let material = materials
+            .last_mut()
+            .ok_or_else(|| fault(format!("{keyword} before the first newmtl")))?;
         match keyword {
             "Kd" => {
                 let values = numbers(rest).map_err(fault)?;
-                material.diffuse = match values.as_slice() {
-                    &[r, g, b, ..] => [r, g, b],
-                    &[grey] => [grey; 3],
+                material.diffuse = match *values.as_slice() {
+                    [r, g, b, ..] => [r, g, b],
+                    [grey] => [grey; 3],
                     _ => return Err(fault("Kd needs three numbers".into())),
                 };
             }
@@ -101,7 +113,8 @@ fn map(mut rest: &str) -> Option<MapRef> {
         let arguments = match option {
             "-s" | "-o" | "-t" => 3,
             "-mm" => 2,
-            "-blendu" | "-blendv" | "-cc" | "-clamp" | "-texres" | "-bm" | "-boost" | "-imfchan" | "-type" => 1,
+            "-blendu" | "-blendv" | "-cc" | "-clamp" | "-texres" | "-bm" | "-boost" | "-imfchan"
+            | "-type" => 1,
             // Not an option but a file whose name starts so.
             _ => break,
         };
@@ -126,7 +139,11 @@ fn map(mut rest: &str) -> Option<MapRef> {
         }
     }
     let file = rest.trim().trim_matches('"');
-    (!file.is_empty()).then(|| MapRef { file: file.to_string(), scale, offset })
+    (!file.is_empty()).then(|| MapRef {
+        file: file.to_string(),
+        scale,
+        offset,
+    })
 }
 
 fn split_word(text: &str) -> (&str, &str) {
@@ -146,8 +163,12 @@ impl MapRef {
         }
         let bare = Path::new(&name).file_name()?;
         for folder in [written.parent()?, folder] {
-            let Ok(entries) = fs::read_dir(folder) else { continue };
-            let found = entries.flatten().find(|entry| entry.file_name().eq_ignore_ascii_case(bare));
+            let Ok(entries) = fs::read_dir(folder) else {
+                continue;
+            };
+            let found = entries
+                .flatten()
+                .find(|entry| entry.file_name().eq_ignore_ascii_case(bare));
             if let Some(path) = found.map(|entry| entry.path()).filter(|path| path.is_file()) {
                 return Some(path);
             }
@@ -176,12 +197,23 @@ mod tests {
     fn statements_and_faults() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.mtl");
-        fs::write(&path, "# c\nnewmtl my wood\r\n\tKd 1 0.5 0\nTr 0.25\nmap_Kd a.png\nillum 2\nnewmtl b\nd 0.5\n").unwrap();
+        fs::write(
+            &path,
+            "# c\nnewmtl my wood\r\n\tKd 1 0.5 0\nTr 0.25\nmap_Kd a.png\nillum 2\nnewmtl b\nd 0.5\n",
+        )
+        .unwrap();
         let materials = read(&path).unwrap();
         assert_eq!(materials.len(), 2);
-        assert_eq!((materials[0].name.as_str(), materials[0].dissolve), ("my wood", 0.75));
+        assert_eq!(
+            (materials[0].name.as_str(), materials[0].dissolve),
+            ("my wood", 0.75)
+        );
         assert_eq!(materials[0].diffuse, [1.0, 0.5, 0.0]);
-        for (text, part) in [("Kd 1 1 1", "line 1"), ("newmtl a\nKd 1 1", "line 2"), ("newmtl a\nd nan", "line 2")] {
+        for (text, part) in [
+            ("Kd 1 1 1", "line 1"),
+            ("newmtl a\nKd 1 1", "line 2"),
+            ("newmtl a\nd nan", "line 2"),
+        ] {
             fs::write(&path, text).unwrap();
             let message = read(&path).unwrap_err().to_string();
             assert!(message.contains("a.mtl") && message.contains(part), "{message}");

@@ -84,22 +84,39 @@ impl Mesh {
         let file = obj::parse(path, &bytes)?;
         drop(bytes);
         if file.triangles.is_empty() {
-            return Err(InputError::EmptyMesh { path: path.to_path_buf() });
+            return Err(InputError::EmptyMesh {
+                path: path.to_path_buf(),
+            });
         }
         if file.material_names.len() > MAX_MATERIALS {
-            let what = format!("{} materials; the limit is {MAX_MATERIALS}", file.material_names.len());
+            let what = format!(
+                "{} materials; the limit is {MAX_MATERIALS}",
+                file.material_names.len()
+            );
             return Err(InputError::unsupported(path, what));
         }
         let folder = path.parent().unwrap_or(Path::new(""));
         let mut mesh = Mesh::default();
         let library = read_libraries(path, folder, &file.libraries, &mut mesh.warnings)?;
-        let used = resolve(path, &file.material_names, &file.triangles, &library, &mut mesh.warnings);
+        let used = resolve(
+            path,
+            &file.material_names,
+            &file.triangles,
+            &library,
+            &mut mesh.warnings,
+        );
         mesh.materials = load_materials(&used, &library, &mut mesh.warnings)?;
 
         let triangle = |(corners, material): &([Corner; 3], u32)| {
-            let map = used.get(*material as usize).and_then(|u| u.found.as_ref()).and_then(|m| m.color_map.as_ref());
+            let map = used
+                .get(*material as usize)
+                .and_then(|u| u.found.as_ref())
+                .and_then(|m| m.color_map.as_ref());
             let (scale, offset) = map.map_or((Vec2::ONE, Vec2::ZERO), |m| (m.scale, m.offset));
-            let uv = corners.map(|c| c.t.and_then(|t| file.texcoords.get(t as usize)).map_or(Vec2::ZERO, |t| *t));
+            let uv = corners.map(|c| {
+                c.t.and_then(|t| file.texcoords.get(t as usize))
+                    .map_or(Vec2::ZERO, |t| *t)
+            });
             Triangle {
                 v: corners.map(|c| c.v),
                 uv: uv.map(|uv| uv * scale + offset),
@@ -115,8 +132,12 @@ impl Mesh {
         mesh.normals = file.normals;
         mesh.colors = file.colors.iter().map(|c| c.map(linear_of)).collect();
         if up == UpAxis::Y {
-            mesh.positions.iter_mut().for_each(|p| *p = DVec3::new(p.x, -p.z, p.y));
-            mesh.normals.iter_mut().for_each(|n| *n = Vec3::new(n.x, -n.z, n.y));
+            mesh.positions
+                .iter_mut()
+                .for_each(|p| *p = DVec3::new(p.x, -p.z, p.y));
+            mesh.normals
+                .iter_mut()
+                .for_each(|n| *n = Vec3::new(n.x, -n.z, n.y));
         }
         Ok(mesh)
     }
@@ -154,23 +175,35 @@ fn read_libraries(
     names: &[String],
     warnings: &mut Vec<String>,
 ) -> Result<Library, InputError> {
-    let mut library = Library { materials: HashMap::new() };
+    let mut library = Library {
+        materials: HashMap::new(),
+    };
     for written in names {
         let whole = folder.join(written.replace('\\', "/"));
         // One statement may name several libraries, and one name may hold spaces.
         let files = if whole.is_file() {
             vec![whole]
         } else {
-            written.split_whitespace().map(|name| folder.join(name.replace('\\', "/"))).collect()
+            written
+                .split_whitespace()
+                .map(|name| folder.join(name.replace('\\', "/")))
+                .collect()
         };
         for file in files {
             if !file.is_file() {
-                warnings.push(format!("{}: material library {} is missing", path.display(), file.display()));
+                warnings.push(format!(
+                    "{}: material library {} is missing",
+                    path.display(),
+                    file.display()
+                ));
                 continue;
             }
             let home = file.parent().unwrap_or(folder).to_path_buf();
             for material in materials::read(&file)? {
-                library.materials.entry(material.name.clone()).or_insert((material, home.clone()));
+                library
+                    .materials
+                    .entry(material.name.clone())
+                    .or_insert((material, home.clone()));
             }
         }
     }
@@ -191,11 +224,21 @@ fn resolve(
         }
     }
     let resolve = |(name, in_use): (&String, bool)| {
-        let found = if in_use { library.materials.get(name).map(|(material, _)| material.clone()) } else { None };
+        let found = if in_use {
+            library.materials.get(name).map(|(material, _)| material.clone())
+        } else {
+            None
+        };
         if in_use && found.is_none() && !name.is_empty() {
-            warnings.push(format!("{}: material '{name}' is not defined; it is drawn grey", path.display()));
+            warnings.push(format!(
+                "{}: material '{name}' is not defined; it is drawn grey",
+                path.display()
+            ));
         }
-        Used { name: name.clone(), found }
+        Used {
+            name: name.clone(),
+            found,
+        }
     };
     names.iter().zip(in_use).map(resolve).collect()
 }
@@ -203,10 +246,18 @@ fn resolve(
 /// The files of a material's colour and of its opacity.
 type Maps = (Option<PathBuf>, Option<PathBuf>);
 
-fn load_materials(used: &[Used], library: &Library, warnings: &mut Vec<String>) -> Result<Vec<Material>, InputError> {
+fn load_materials(
+    used: &[Used],
+    library: &Library,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Material>, InputError> {
     let mut maps: Vec<Maps> = Vec::with_capacity(used.len());
     for material in used {
-        let Some((mtl, folder)) = library.materials.get(&material.name).filter(|_| material.found.is_some()) else {
+        let Some((mtl, folder)) = library
+            .materials
+            .get(&material.name)
+            .filter(|_| material.found.is_some())
+        else {
             maps.push((None, None));
             continue;
         };
@@ -215,7 +266,11 @@ fn load_materials(used: &[Used], library: &Library, warnings: &mut Vec<String>) 
             let found = map.find(folder);
             if found.is_none() {
                 let missing = folder.join(map.file.replace('\\', "/"));
-                warnings.push(format!("material '{}': texture {} is missing", mtl.name, missing.display()));
+                warnings.push(format!(
+                    "material '{}': texture {} is missing",
+                    mtl.name,
+                    missing.display()
+                ));
             }
             found
         };
@@ -224,7 +279,11 @@ fn load_materials(used: &[Used], library: &Library, warnings: &mut Vec<String>) 
         let alpha = find(&mtl.alpha_map).filter(|path| Some(path) != color.as_ref());
         maps.push((color, alpha));
     }
-    let mut wanted: Vec<Maps> = maps.iter().filter(|m| m.0.is_some() || m.1.is_some()).cloned().collect();
+    let mut wanted: Vec<Maps> = maps
+        .iter()
+        .filter(|m| m.0.is_some() || m.1.is_some())
+        .cloned()
+        .collect();
     wanted.sort();
     wanted.dedup();
     let textures: HashMap<Maps, Arc<Texture>> = wanted
@@ -234,9 +293,19 @@ fn load_materials(used: &[Used], library: &Library, warnings: &mut Vec<String>) 
 
     let material = |(used, maps): (&Used, Maps)| {
         let texture = textures.get(&maps).cloned();
-        let color = used.found.as_ref().map_or([linear_of(0.8), linear_of(0.8), linear_of(0.8), 1.0], |m| m.color());
+        let color = used
+            .found
+            .as_ref()
+            .map_or([linear_of(0.8), linear_of(0.8), linear_of(0.8), 1.0], |m| {
+                m.color()
+            });
         let cutout = color[3] < 1.0 || texture.as_ref().is_some_and(|t| t.has_alpha());
-        Material { name: used.name.clone(), color, texture, cutout }
+        Material {
+            name: used.name.clone(),
+            color,
+            texture,
+            cutout,
+        }
     };
     Ok(used.iter().zip(maps).map(material).collect())
 }
@@ -246,8 +315,15 @@ fn load_texture((color, alpha): &Maps) -> Result<Texture, InputError> {
     let mask = alpha.as_deref().map(Raster::load).transpose()?;
     let mut raster = match (color, &mask) {
         (Some(path), _) => Raster::load(path)?,
-        (None, Some(mask)) => Raster { pixels: vec![[255; 4]; mask.pixels.len()], ..*mask },
-        (None, None) => Raster { width: 1, height: 1, pixels: vec![[255; 4]] },
+        (None, Some(mask)) => Raster {
+            pixels: vec![[255; 4]; mask.pixels.len()],
+            ..*mask
+        },
+        (None, None) => Raster {
+            width: 1,
+            height: 1,
+            pixels: vec![[255; 4]],
+        },
     };
     if let Some(mask) = mask {
         // A mask with an alpha channel keeps the opacity there, otherwise in its brightness.
@@ -258,7 +334,11 @@ fn load_texture((color, alpha): &Maps) -> Result<Texture, InputError> {
             let column = x * u64::from(mask.width) / u64::from(width);
             let row = y * u64::from(mask.height) / u64::from(raster.height);
             let [r, g, b, a] = mask.pixel(column as u32, row as u32);
-            let opacity = if own_alpha { u32::from(a) } else { (u32::from(r) + u32::from(g) + u32::from(b)) / 3 };
+            let opacity = if own_alpha {
+                u32::from(a)
+            } else {
+                (u32::from(r) + u32::from(g) + u32::from(b)) / 3
+            };
             pixel[3] = ((u32::from(pixel[3]) * opacity + 127) / 255) as u8;
         }
     }
@@ -270,7 +350,8 @@ mod tests {
     use super::*;
     use crate::input::test_data::data;
 
-    const TRIANGLE: &str = "v 1 2 3\nv 2 2 3\nv 1 3 3\nvt 0 0\nvt 3 0\nvt 0 -2\nvn 0 1 0\nf 1/1/1 2/2/1 3/3/1\n";
+    const TRIANGLE: &str =
+        "v 1 2 3\nv 2 2 3\nv 1 3 3\nvt 0 0\nvt 3 0\nvt 0 -2\nvn 0 1 0\nf 1/1/1 2/2/1 3/3/1\n";
 
     fn write(dir: &Path, name: &str, text: &str) -> PathBuf {
         let path = dir.join(name);
@@ -287,19 +368,34 @@ mod tests {
         assert_eq!(mesh.normals[0], Vec3::Z);
         assert_eq!(mesh.triangles[0].uv[2], Vec2::new(0.0, -2.0));
         let mesh = Mesh::load(&path, UpAxis::Z).unwrap();
-        assert_eq!(mesh.bounds(), (DVec3::new(1.0, 2.0, 3.0), DVec3::new(2.0, 3.0, 3.0)));
+        assert_eq!(
+            mesh.bounds(),
+            (DVec3::new(1.0, 2.0, 3.0), DVec3::new(2.0, 3.0, 3.0))
+        );
         assert!(mesh.warnings.is_empty() && !mesh.materials[0].cutout);
     }
 
     #[test]
     fn missing_library_material_and_texture_are_warnings() {
         let dir = tempfile::tempdir().unwrap();
-        let path = write(dir.path(), "a.obj", &format!("mtllib none.mtl\nusemtl wood\n{TRIANGLE}"));
+        let path = write(
+            dir.path(),
+            "a.obj",
+            &format!("mtllib none.mtl\nusemtl wood\n{TRIANGLE}"),
+        );
         let mesh = Mesh::load(&path, UpAxis::Z).unwrap();
-        assert!(mesh.warnings[0].contains("none.mtl") && mesh.warnings[1].contains("'wood'"), "{:?}", mesh.warnings);
+        assert!(
+            mesh.warnings[0].contains("none.mtl") && mesh.warnings[1].contains("'wood'"),
+            "{:?}",
+            mesh.warnings
+        );
         write(dir.path(), "none.mtl", "newmtl wood\nKd 1 0 0\nmap_Kd gone.png\n");
         let mesh = Mesh::load(&path, UpAxis::Z).unwrap();
-        assert!(mesh.warnings[0].contains("'wood'") && mesh.warnings[0].contains("gone.png"), "{:?}", mesh.warnings);
+        assert!(
+            mesh.warnings[0].contains("'wood'") && mesh.warnings[0].contains("gone.png"),
+            "{:?}",
+            mesh.warnings
+        );
         let wood = &mesh.materials[mesh.triangles[0].material as usize];
         assert_eq!((wood.color, wood.texture.is_none()), ([1.0, 0.0, 0.0, 1.0], true));
     }
@@ -308,43 +404,88 @@ mod tests {
     fn empty_and_damaged_are_errors() {
         let dir = tempfile::tempdir().unwrap();
         let path = write(dir.path(), "a.obj", "v 0 0 0\n# nothing\n");
-        assert!(matches!(Mesh::load(&path, UpAxis::Z), Err(InputError::EmptyMesh { .. })));
-        let path = write(dir.path(), "a.obj", &format!("mtllib a.mtl\nusemtl m\n{TRIANGLE}"));
+        assert!(matches!(
+            Mesh::load(&path, UpAxis::Z),
+            Err(InputError::EmptyMesh { .. })
+        ));
+        let path = write(
+            dir.path(),
+            "a.obj",
+            &format!("mtllib a.mtl\nusemtl m\n{TRIANGLE}"),
+        );
         write(dir.path(), "a.mtl", "newmtl m\nmap_Kd broken.png\n");
         write(dir.path(), "broken.png", "\u{89}PNG");
-        assert!(Mesh::load(&path, UpAxis::Z).unwrap_err().to_string().contains("broken.png"));
-        let message = Mesh::load(&dir.path().join("no.obj"), UpAxis::Z).unwrap_err().to_string();
+        assert!(
+            Mesh::load(&path, UpAxis::Z)
+                .unwrap_err()
+                .to_string()
+                .contains("broken.png")
+        );
+        let message = Mesh::load(&dir.path().join("no.obj"), UpAxis::Z)
+            .unwrap_err()
+            .to_string();
         assert!(message.contains("no.obj"), "{message}");
     }
 
     #[test]
     fn opacity_map_and_texture_options() {
         let dir = tempfile::tempdir().unwrap();
-        let path = write(dir.path(), "a.obj", &format!("mtllib a.mtl\nusemtl m\n{TRIANGLE}"));
-        write(dir.path(), "a.mtl", "newmtl m\nKd 0 0 0\nmap_Kd -s 2 1 1 -o 0.5 0 0 my color.png\nmap_d sub\\mask.png\n");
-        image::RgbImage::from_raw(2, 1, vec![255, 0, 0, 0, 255, 0]).unwrap().save(dir.path().join("my color.png")).unwrap();
+        let path = write(
+            dir.path(),
+            "a.obj",
+            &format!("mtllib a.mtl\nusemtl m\n{TRIANGLE}"),
+        );
+        write(
+            dir.path(),
+            "a.mtl",
+            "newmtl m\nKd 0 0 0\nmap_Kd -s 2 1 1 -o 0.5 0 0 my color.png\nmap_d sub\\mask.png\n",
+        );
+        image::RgbImage::from_raw(2, 1, vec![255, 0, 0, 0, 255, 0])
+            .unwrap()
+            .save(dir.path().join("my color.png"))
+            .unwrap();
         fs::create_dir(dir.path().join("sub")).unwrap();
-        image::GrayImage::from_raw(2, 1, vec![0, 128]).unwrap().save(dir.path().join("sub/mask.png")).unwrap();
+        image::GrayImage::from_raw(2, 1, vec![0, 128])
+            .unwrap()
+            .save(dir.path().join("sub/mask.png"))
+            .unwrap();
         let mesh = Mesh::load(&path, UpAxis::Z).unwrap();
         let material = &mesh.materials[mesh.triangles[0].material as usize];
         assert!(material.cutout && material.color == [1.0; 4]);
         let texture = material.texture.as_ref().unwrap();
         assert_eq!(texture.sample(Vec2::new(0.25, 0.5), 1.0)[3], 0.0);
         let green = texture.sample(Vec2::new(0.75, 0.5), 1.0);
-        assert!(green[1] > 0.99 && (green[3] - 128.0 / 255.0).abs() < 1e-5, "{green:?}");
+        assert!(
+            green[1] > 0.99 && (green[3] - 128.0 / 255.0).abs() < 1e-5,
+            "{green:?}"
+        );
         assert_eq!(mesh.triangles[0].uv[1], Vec2::new(6.5, 0.0));
     }
 
     #[test]
     fn real_meshes() {
-        let Some(path) = data("landform_pit_obj/landform_pit.obj") else { return };
+        let Some(path) = data("landform_pit_obj/landform_pit.obj") else {
+            return;
+        };
         let mesh = Mesh::load(&path, UpAxis::Y).unwrap();
-        assert_eq!((mesh.triangles.len(), mesh.warnings.len()), (177_950, 0), "{:?}", mesh.warnings);
+        assert_eq!(
+            (mesh.triangles.len(), mesh.warnings.len()),
+            (177_950, 0),
+            "{:?}",
+            mesh.warnings
+        );
         let (min, max) = mesh.bounds();
         assert!((max.z - min.z - 64.0).abs() < 2.0, "{min} {max}");
-        let Some(path) = data("flightgear_sf_obj/scene.obj") else { return };
+        let Some(path) = data("flightgear_sf_obj/scene.obj") else {
+            return;
+        };
         let mesh = Mesh::load(&path, UpAxis::Z).unwrap();
-        assert_eq!((mesh.triangles.len(), mesh.warnings.len()), (86_013, 0), "{:?}", mesh.warnings);
+        assert_eq!(
+            (mesh.triangles.len(), mesh.warnings.len()),
+            (86_013, 0),
+            "{:?}",
+            mesh.warnings
+        );
         assert!(mesh.materials.iter().any(|m| m.cutout));
     }
 }

@@ -38,7 +38,10 @@ const MAX_VERTICES: usize = u32::MAX as usize;
 
 /// Reads OBJ text.
 pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<ObjFile, InputError> {
-    let mut file = ObjFile { material_names: vec![String::new()], ..ObjFile::default() };
+    let mut file = ObjFile {
+        material_names: vec![String::new()],
+        ..ObjFile::default()
+    };
     let mut material = 0;
     let mut polygon = Vec::new();
     let mut joined = String::new();
@@ -57,8 +60,13 @@ pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<ObjFile, InputError> {
             joined.push_str(line);
             joined.as_str()
         };
-        let reader = LineReader { path, line: index + 1 };
-        let (keyword, rest) = statement.split_once(char::is_whitespace).unwrap_or((statement, ""));
+        let reader = LineReader {
+            path,
+            line: index + 1,
+        };
+        let (keyword, rest) = statement
+            .split_once(char::is_whitespace)
+            .unwrap_or((statement, ""));
         match keyword {
             "v" => reader.vertex(rest, &mut file)?,
             "vt" => file.texcoords.push(reader.texcoord(rest)?),
@@ -74,7 +82,10 @@ pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<ObjFile, InputError> {
                 if polygon.len() < 3 {
                     return Err(reader.fault("a face needs at least three corners"));
                 }
-                let fan = polygon.windows(2).skip(1).map(|pair| ([first, pair[0], pair[1]], material));
+                let fan = polygon
+                    .windows(2)
+                    .skip(1)
+                    .map(|pair| ([first, pair[0], pair[1]], material));
                 file.triangles.extend(fan);
             }
             "usemtl" => {
@@ -108,7 +119,9 @@ impl LineReader<'_> {
         let mut values = [0.0; N];
         let mut count = 0;
         for (value, word) in values.iter_mut().zip(text.split_whitespace()) {
-            *value = word.parse().map_err(|_| self.fault(format!("'{word}' is not a number")))?;
+            *value = word
+                .parse()
+                .map_err(|_| self.fault(format!("'{word}' is not a number")))?;
             count += 1;
         }
         Ok((values, count))
@@ -121,7 +134,11 @@ impl LineReader<'_> {
         }
         if n.iter().any(|x| !x.is_finite()) {
             let vertex = file.positions.len() + 1;
-            return Err(InputError::VertexNotFinite { path: self.path.into(), vertex, line: self.line });
+            return Err(InputError::VertexNotFinite {
+                path: self.path.into(),
+                vertex,
+                line: self.line,
+            });
         }
         if file.positions.len() >= MAX_VERTICES {
             return Err(self.fault("more vertices than 32-bit indices can name"));
@@ -158,7 +175,11 @@ impl LineReader<'_> {
     fn corner(&self, word: &str, file: &ObjFile) -> Result<Corner, InputError> {
         let mut parts = word.split('/');
         let v = self.index(parts.next().unwrap_or(""), "vertex", file.positions.len())?;
-        let t = self.index(parts.next().unwrap_or(""), "texture coordinate", file.texcoords.len())?;
+        let t = self.index(
+            parts.next().unwrap_or(""),
+            "texture coordinate",
+            file.texcoords.len(),
+        )?;
         let n = self.index(parts.next().unwrap_or(""), "normal", file.normals.len())?;
         match (v, parts.next()) {
             (Some(v), None) => Ok(Corner { v, t, n }),
@@ -171,11 +192,23 @@ impl LineReader<'_> {
         if text.is_empty() {
             return Ok(None);
         }
-        let index: i64 = text.parse().map_err(|_| self.fault(format!("'{text}' is not a {kind} index")))?;
-        let zero_based = if index < 0 { index.checked_add(count as i64) } else { index.checked_sub(1) };
+        let index: i64 = text
+            .parse()
+            .map_err(|_| self.fault(format!("'{text}' is not a {kind} index")))?;
+        let zero_based = if index < 0 {
+            index.checked_add(count as i64)
+        } else {
+            index.checked_sub(1)
+        };
         match zero_based {
             Some(i) if i >= 0 && (i as u64) < count as u64 => Ok(Some(i as u32)),
-            _ => Err(InputError::IndexOutOfRange { path: self.path.into(), line: self.line, kind, index, count }),
+            _ => Err(InputError::IndexOutOfRange {
+                path: self.path.into(),
+                line: self.line,
+                kind,
+                index,
+                count,
+            }),
         }
     }
 }
@@ -216,11 +249,17 @@ mod tests {
     #[test]
     fn faults_name_the_line() {
         for (text, part) in [
-            ("v 0 0 0\nv 0 nan 0\n", "a.obj: vertex 2 (line 2): coordinate is not finite"),
+            (
+                "v 0 0 0\nv 0 nan 0\n",
+                "a.obj: vertex 2 (line 2): coordinate is not finite",
+            ),
             ("v 0 0 1e999\n", "vertex 1 (line 1)"),
             ("v 0 0\n", "a.obj: line 1: a vertex needs three coordinates"),
             ("v a 0 0\n", "'a' is not a number"),
-            ("v 0 0 0\nf 1 1 2\n", "a.obj: line 2: vertex index 2 is outside 1..1"),
+            (
+                "v 0 0 0\nf 1 1 2\n",
+                "a.obj: line 2: vertex index 2 is outside 1..1",
+            ),
             ("v 0 0 0\nf 1 1 0\n", "vertex index 0"),
             ("v 0 0 0\nf -2 1 1\n", "vertex index -2"),
             ("v 0 0 0\nf 1/1 1/1 1/1\n", "texture coordinate index 1"),

@@ -62,7 +62,10 @@ pub(crate) fn read_beside(image: &Path) -> Result<Placement, InputError> {
     }
     let size = fs::metadata(&path).map_err(|e| InputError::io(&path, e))?.len();
     if size > MAX_BYTES {
-        return Err(InputError::georef(&path, format!("the side file has {size} bytes, the limit is {MAX_BYTES}")));
+        return Err(InputError::georef(
+            &path,
+            format!("the side file has {size} bytes, the limit is {MAX_BYTES}"),
+        ));
     }
     let bytes = fs::read(&path).map_err(|e| InputError::io(&path, e))?;
     read(&path, &String::from_utf8_lossy(&bytes))
@@ -81,10 +84,16 @@ fn read(path: &Path, text: &str) -> Result<Placement, InputError> {
             .map(|word| number(path, "GeoTransform", word))
             .collect::<Result<_, _>>()?;
         let &[x, a, b, y, d, e] = numbers.as_slice() else {
-            return Err(InputError::georef(path, format!("GeoTransform has {} numbers instead of 6", numbers.len())));
+            return Err(InputError::georef(
+                path,
+                format!("GeoTransform has {} numbers instead of 6", numbers.len()),
+            ));
         };
-        let transform =
-            GeoTransform { origin: DVec2::new(x, y), column: DVec2::new(a, d), row: DVec2::new(b, e) };
+        let transform = GeoTransform {
+            origin: DVec2::new(x, y),
+            column: DVec2::new(a, d),
+            row: DVec2::new(b, e),
+        };
         placement.transform = Some(transform.checked(path)?);
     }
     if let Some(band) = dataset.bands.first() {
@@ -121,7 +130,10 @@ pub(crate) fn from_tiff_metadata(text: &str) -> Placement {
 fn number(path: &Path, element: &str, text: &str) -> Result<f64, InputError> {
     match text.trim().parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
-        _ => Err(InputError::georef(path, format!("{element}: '{}' is not a finite number", text.trim()))),
+        _ => Err(InputError::georef(
+            path,
+            format!("{element}: '{}' is not a finite number", text.trim()),
+        )),
     }
 }
 
@@ -154,7 +166,10 @@ mod tests {
         assert_eq!(placement.linear_unit, Some(0.3048));
         let transform = placement.transform.unwrap();
         assert_eq!(transform.at(DVec2::new(1.0, 1.0)), DVec2::new(1002.0, 498.0));
-        assert_eq!((placement.nodata, placement.scale, placement.offset), (Some(-1.5), Some(0.5), Some(-7.0)));
+        assert_eq!(
+            (placement.nodata, placement.scale, placement.offset),
+            (Some(-1.5), Some(0.5), Some(-7.0))
+        );
         assert_eq!(placement.vertical_unit, Some(0.3048));
     }
 
@@ -169,7 +184,10 @@ mod tests {
             "<PAMDataset><SRS>nonsense</SRS></PAMDataset>",
         ] {
             let message = read(path, text).unwrap_err().to_string();
-            assert!(message.starts_with("a.aux.xml: ") && !message.contains('\n'), "{message}");
+            assert!(
+                message.starts_with("a.aux.xml: ") && !message.contains('\n'),
+                "{message}"
+            );
         }
     }
 
@@ -180,6 +198,9 @@ mod tests {
              <Item name=\"SCALE\" sample=\"1\" role=\"scale\">3</Item>\
              <Item name=\"UNITTYPE\" sample=\"0\" role=\"unittype\">ft</Item></GDALMetadata>",
         );
-        assert_eq!((placement.scale, placement.vertical_unit), (Some(0.1), Some(0.3048)));
+        assert_eq!(
+            (placement.scale, placement.vertical_unit),
+            (Some(0.1), Some(0.3048))
+        );
     }
 }

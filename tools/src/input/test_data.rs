@@ -38,7 +38,10 @@ pub(crate) fn tiff(width: u32, height: u32, strips: &[&[u8]], tags: Vec<(u16, Ta
         (259, TagValue::Short(vec![1])),
         (273, TagValue::Long(offsets)),
         (278, TagValue::Long(vec![height])),
-        (279, TagValue::Long(strips.iter().map(|s| s.len() as u32).collect())),
+        (
+            279,
+            TagValue::Long(strips.iter().map(|s| s.len() as u32).collect()),
+        ),
     ];
     all.extend(tags);
     all.sort_by_key(|(tag, _)| *tag);
@@ -86,7 +89,12 @@ pub(crate) fn planar_tiff(width: u32, height: u32, planes: &[&[u8]], extra: u16)
 }
 
 /// A one-band 32-bit float TIFF.
-pub(crate) fn float_tiff(width: u32, height: u32, samples: &[f32], mut tags: Vec<(u16, TagValue)>) -> Vec<u8> {
+pub(crate) fn float_tiff(
+    width: u32,
+    height: u32,
+    samples: &[f32],
+    mut tags: Vec<(u16, TagValue)>,
+) -> Vec<u8> {
     let bytes: Vec<u8> = samples.iter().flat_map(|s| s.to_le_bytes()).collect();
     tags.push((258, TagValue::Short(vec![32])));
     tags.push((262, TagValue::Short(vec![1])));

@@ -32,7 +32,9 @@ impl Texture {
     pub fn new(base: Raster) -> Texture {
         let linear = Box::new(*LINEAR);
         let mut mips: Vec<Mip> = Vec::new();
-        while let (w, h) = mips.last().map_or((base.width, base.height), |m| (m.width, m.height))
+        while let (w, h) = mips
+            .last()
+            .map_or((base.width, base.height), |m| (m.width, m.height))
             && (w > 1 || h > 1)
         {
             let mip = match mips.last() {
@@ -42,7 +44,12 @@ impl Texture {
             mips.push(mip);
         }
         let cutout = base.pixels.iter().any(|p| p[3] < 255);
-        Texture { base, mips, linear, cutout }
+        Texture {
+            base,
+            mips,
+            linear,
+            cutout,
+        }
     }
 
     /// Width and height of level 0 in texels.
@@ -59,7 +66,11 @@ impl Texture {
     /// texels of level 0, of what the sample stands for: the level whose texel is nearest to it is interpolated.
     pub fn sample(&self, uv: Vec2, footprint_texels: f32) -> [f32; 4] {
         let level = footprint_texels.max(1.0).log2().round() as usize;
-        let sum = match level.min(self.mips.len()).checked_sub(1).and_then(|i| self.mips.get(i)) {
+        let sum = match level
+            .min(self.mips.len())
+            .checked_sub(1)
+            .and_then(|i| self.mips.get(i))
+        {
             None => bilinear(self.base.width, self.base.height, uv, |x, y| {
                 premultiplied(&self.linear, self.base.pixel(x, y))
             }),
@@ -98,7 +109,11 @@ fn halve(w: u32, h: u32, at: impl Fn(u32, u32) -> [f32; 4]) -> Mip {
             texels.push(sum.map(|c| (c.clamp(0.0, 1.0) * 65535.0).round() as u16));
         }
     }
-    Mip { width, height, texels }
+    Mip {
+        width,
+        height,
+        texels,
+    }
 }
 
 /// Source texels under texel `index` of the smaller level, with weights that add up to 1.
@@ -116,7 +131,11 @@ fn taps(index: u32, from: u32, to: u32) -> impl Iterator<Item = (u32, f32)> {
 fn bilinear(w: u32, h: u32, uv: Vec2, at: impl Fn(u32, u32) -> [f32; 4]) -> [f32; 4] {
     let axis = |t: f32, size: u32| {
         let wrapped = t - t.floor();
-        let position = if wrapped.is_finite() { wrapped * size as f32 - 0.5 } else { 0.0 };
+        let position = if wrapped.is_finite() {
+            wrapped * size as f32 - 0.5
+        } else {
+            0.0
+        };
         let low = position.floor();
         let first = (low as i64).rem_euclid(i64::from(size)) as u32;
         (first, (first + 1) % size, position - low)
@@ -141,7 +160,11 @@ mod tests {
     const CLEAR: [u8; 4] = [0, 255, 0, 0];
 
     fn texture(width: u32, height: u32, pixels: Vec<[u8; 4]>) -> Texture {
-        Texture::new(Raster { width, height, pixels })
+        Texture::new(Raster {
+            width,
+            height,
+            pixels,
+        })
     }
 
     #[test]
@@ -152,15 +175,26 @@ mod tests {
         for shift in [-3.0, 7.0] {
             assert_eq!(t.sample(Vec2::new(0.5 - shift, 0.75 + shift), 0.0)[0], 1.0);
         }
-        assert!((t.sample(Vec2::new(0.5, 1.0), 0.0)[0] - 0.5).abs() < 1e-6, "the seam interpolates round");
-        assert!(t.sample(Vec2::new(f32::NAN, f32::INFINITY), f32::NAN).iter().all(|c| c.is_finite()));
+        assert!(
+            (t.sample(Vec2::new(0.5, 1.0), 0.0)[0] - 0.5).abs() < 1e-6,
+            "the seam interpolates round"
+        );
+        assert!(
+            t.sample(Vec2::new(f32::NAN, f32::INFINITY), f32::NAN)
+                .iter()
+                .all(|c| c.is_finite())
+        );
     }
 
     #[test]
     fn clear_texels_do_not_tint() {
         let t = texture(2, 2, vec![WHITE, CLEAR, CLEAR, CLEAR]);
         let coarse = t.sample(Vec2::splat(0.3), 2.0);
-        assert!((coarse[3] - 0.25).abs() < 1e-4 && (coarse[0] - 1.0).abs() < 1e-4 && (coarse[1] - 1.0).abs() < 1e-4);
+        assert!(
+            (coarse[3] - 0.25).abs() < 1e-4
+                && (coarse[0] - 1.0).abs() < 1e-4
+                && (coarse[1] - 1.0).abs() < 1e-4
+        );
         assert!(t.has_alpha());
         assert_eq!(t.sample(Vec2::new(0.75, 0.25), 1.0), [0.0; 4]);
     }

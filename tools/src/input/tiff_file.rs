@@ -67,22 +67,50 @@ pub(crate) fn read_image(path: &Path) -> Result<TiffImage, InputError> {
     let fault = |e: TiffError| fault(path, e);
     let (width, height) = decoder.dimensions().map_err(fault)?;
     check_size(path, width, height)?;
-    let bands = usize::from(decoder.find_tag_unsigned::<u16>(Tag::SamplesPerPixel).map_err(fault)?.unwrap_or(1));
+    let bands = usize::from(
+        decoder
+            .find_tag_unsigned::<u16>(Tag::SamplesPerPixel)
+            .map_err(fault)?
+            .unwrap_or(1),
+    );
     let planar = bands > 1
-        && decoder.find_tag_unsigned::<u16>(Tag::PlanarConfiguration).map_err(fault)? == Some(2);
-    let extra = decoder.find_tag_unsigned_vec::<u16>(Tag::ExtraSamples).map_err(fault)?.unwrap_or_default();
+        && decoder
+            .find_tag_unsigned::<u16>(Tag::PlanarConfiguration)
+            .map_err(fault)?
+            == Some(2);
+    let extra = decoder
+        .find_tag_unsigned_vec::<u16>(Tag::ExtraSamples)
+        .map_err(fault)?
+        .unwrap_or_default();
     let color = decoder.colortype().map_err(fault)?;
     let mut samples = DecodingResult::U8(Vec::new());
     let layout = decoder.read_image_to_buffer(&mut samples).map_err(fault)?;
     if samples.as_buffer(0).byte_len() < layout.complete_len {
-        return Err(InputError::damaged(path, "the TIFF image has more planes than fit the reader's limit"));
+        return Err(InputError::damaged(
+            path,
+            "the TIFF image has more planes than fit the reader's limit",
+        ));
     }
-    if decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(fault)?.unwrap_or(1) == UNCOMPRESSED {
+    if decoder
+        .find_tag_unsigned::<u16>(Tag::Compression)
+        .map_err(fault)?
+        .unwrap_or(1)
+        == UNCOMPRESSED
+    {
         // The decoder reads on behind a strip or tile that is too short, into whatever follows.
-        let counts = [Tag::StripByteCounts, Tag::TileByteCounts].map(|tag| decoder.find_tag_unsigned_vec::<u64>(tag));
-        let stored: u64 = counts.into_iter().flatten().flatten().flatten().fold(0, u64::saturating_add);
+        let counts =
+            [Tag::StripByteCounts, Tag::TileByteCounts].map(|tag| decoder.find_tag_unsigned_vec::<u64>(tag));
+        let stored: u64 = counts
+            .into_iter()
+            .flatten()
+            .flatten()
+            .flatten()
+            .fold(0, u64::saturating_add);
         if stored < layout.complete_len as u64 {
-            let what = format!("its strips hold {stored} bytes where the image has {}", layout.complete_len);
+            let what = format!(
+                "its strips hold {stored} bytes where the image has {}",
+                layout.complete_len
+            );
             return Err(InputError::damaged(path, what));
         }
     }
@@ -103,12 +131,16 @@ fn open(path: &Path) -> Result<Reader, InputError> {
     limits.decoding_buffer_size = usize::MAX / 4;
     limits.intermediate_buffer_size = 1 << 30;
     limits.ifd_value_size = 64 << 20;
-    Ok(Decoder::new(BufReader::new(file)).map_err(|e| fault(path, e))?.with_limits(limits))
+    Ok(Decoder::new(BufReader::new(file))
+        .map_err(|e| fault(path, e))?
+        .with_limits(limits))
 }
 
 fn fault(path: &Path, error: TiffError) -> InputError {
     match error {
-        TiffError::UnsupportedError(e) => InputError::unsupported(path, format!("TIFF variant not read: {e}")),
+        TiffError::UnsupportedError(e) => {
+            InputError::unsupported(path, format!("TIFF variant not read: {e}"))
+        }
         TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
             InputError::damaged(path, "the TIFF file is cut short")
         }
@@ -129,7 +161,11 @@ fn tags(path: &Path, decoder: &mut Reader) -> Result<TiffTags, InputError> {
     let params = doubles(Tag::GeoDoubleParamsTag)?;
     let mut text = |tag: Tag| -> Option<String> {
         // A text tag of a wrong type says nothing about the image; it is as good as absent.
-        decoder.find_tag(tag).ok().flatten().and_then(|value| value.into_string().ok())
+        decoder
+            .find_tag(tag)
+            .ok()
+            .flatten()
+            .and_then(|value| value.into_string().ok())
     };
     let ascii = text(Tag::GeoAsciiParamsTag).unwrap_or_default();
     let nodata = text(Tag::GdalNodata);
@@ -138,5 +174,14 @@ fn tags(path: &Path, decoder: &mut Reader) -> Result<TiffTags, InputError> {
         .find_tag_unsigned_vec::<u16>(Tag::GeoKeyDirectoryTag)
         .map_err(|e| fault(path, e))?
         .unwrap_or_default();
-    Ok(TiffTags { pixel_scale, tiepoints, transformation, keys, doubles: params, ascii, nodata, gdal_metadata })
+    Ok(TiffTags {
+        pixel_scale,
+        tiepoints,
+        transformation,
+        keys,
+        doubles: params,
+        ascii,
+        nodata,
+        gdal_metadata,
+    })
 }

@@ -36,11 +36,28 @@ pub(crate) fn parse(text: &str) -> Result<Crs, String> {
         Item::Node(node) => node,
         _ => return Err("the coordinate system is not well-known text".into()),
     };
-    let projected = root.find(&["PROJCS", "PROJCRS", "PROJECTEDCRS", "LOCAL_CS", "ENGCRS", "ENGINEERINGCRS"]);
-    let geographic = root.find(&["GEOGCS", "GEOGCRS", "GEODCRS", "GEOGRAPHICCRS", "GEODETICCRS", "GEOCCS"]);
+    let projected = root.find(&[
+        "PROJCS",
+        "PROJCRS",
+        "PROJECTEDCRS",
+        "LOCAL_CS",
+        "ENGCRS",
+        "ENGINEERINGCRS",
+    ]);
+    let geographic = root.find(&[
+        "GEOGCS",
+        "GEOGCRS",
+        "GEODCRS",
+        "GEOGRAPHICCRS",
+        "GEODETICCRS",
+        "GEOCCS",
+    ]);
     let vertical = root.find(&["VERT_CS", "VERTCRS", "VERTICALCRS"]);
     let Some(main) = projected.or(geographic) else {
-        return Err(format!("no horizontal coordinate system in the {} text", root.keyword));
+        return Err(format!(
+            "no horizontal coordinate system in the {} text",
+            root.keyword
+        ));
     };
     Ok(Crs {
         name: main.name(),
@@ -64,15 +81,22 @@ impl Node {
 
     /// The first node with one of the keywords, outermost first: this one or one below it.
     fn find(&self, keywords: &[&str]) -> Option<&Node> {
-        if self.is(keywords) { Some(self) } else { self.nodes().find_map(|node| node.find(keywords)) }
+        if self.is(keywords) {
+            Some(self)
+        } else {
+            self.nodes().find_map(|node| node.find(keywords))
+        }
     }
 
     fn name(&self) -> Option<String> {
-        let code = self.nodes().find(|n| n.is(&["AUTHORITY", "ID"])).and_then(|node| match node.items.as_slice() {
-            [Item::Text(authority), Item::Text(code), ..] => Some(format!("{authority}:{code}")),
-            [Item::Text(authority), Item::Number(code), ..] => Some(format!("{authority}:{code}")),
-            _ => None,
-        });
+        let code = self
+            .nodes()
+            .find(|n| n.is(&["AUTHORITY", "ID"]))
+            .and_then(|node| match node.items.as_slice() {
+                [Item::Text(authority), Item::Text(code), ..] => Some(format!("{authority}:{code}")),
+                [Item::Text(authority), Item::Number(code), ..] => Some(format!("{authority}:{code}")),
+                _ => None,
+            });
         code.or_else(|| match self.items.first() {
             Some(Item::Text(name)) if !name.is_empty() => Some(name.clone()),
             _ => None,
@@ -82,10 +106,12 @@ impl Node {
     /// Metres per unit: the system's own unit, else the one of its first axis.
     fn unit(&self) -> Option<f64> {
         let own = |node: &Node| {
-            node.nodes().find(|n| n.is(&["UNIT", "LENGTHUNIT"])).and_then(|n| match n.items.get(1) {
-                Some(Item::Number(metres)) if metres.is_finite() && *metres > 0.0 => Some(*metres),
-                _ => None,
-            })
+            node.nodes()
+                .find(|n| n.is(&["UNIT", "LENGTHUNIT"]))
+                .and_then(|n| match n.items.get(1) {
+                    Some(Item::Number(metres)) if metres.is_finite() && *metres > 0.0 => Some(*metres),
+                    _ => None,
+                })
         };
         own(self).or_else(|| self.nodes().filter(|n| n.is(&["AXIS"])).find_map(own))
     }
@@ -121,7 +147,9 @@ impl Parser<'_> {
             let mut text = String::new();
             let mut parts = rest;
             loop {
-                let (part, after) = parts.split_once('"').ok_or("a quote is not closed in the coordinate system")?;
+                let (part, after) = parts
+                    .split_once('"')
+                    .ok_or("a quote is not closed in the coordinate system")?;
                 text.push_str(part);
                 match after.strip_prefix('"') {
                     Some(more) => {
@@ -135,7 +163,10 @@ impl Parser<'_> {
                 }
             }
         }
-        let end = self.rest.find(['[', '(', ',', ']', ')']).unwrap_or(self.rest.len());
+        let end = self
+            .rest
+            .find(['[', '(', ',', ']', ')'])
+            .unwrap_or(self.rest.len());
         let (word, rest) = self.rest.split_at(end);
         self.rest = rest;
         let word = word.trim();
@@ -144,14 +175,19 @@ impl Parser<'_> {
             loop {
                 items.push(self.item(depth + 1)?);
                 if self.take(&[']', ')']) {
-                    return Ok(Item::Node(Node { keyword: word.to_string(), items }));
+                    return Ok(Item::Node(Node {
+                        keyword: word.to_string(),
+                        items,
+                    }));
                 }
                 if !self.take(&[',']) {
                     return Err("a bracket is not closed in the coordinate system".into());
                 }
             }
         }
-        Ok(word.parse().map_or_else(|_| Item::Text(word.to_string()), Item::Number))
+        Ok(word
+            .parse()
+            .map_or_else(|_| Item::Text(word.to_string()), Item::Number))
     }
 }
 
@@ -176,12 +212,19 @@ mod tests {
         )
         .unwrap();
         assert_eq!(crs.name.as_deref(), Some("EPSG:2056"));
-        assert_eq!((crs.linear_unit, crs.vertical_unit), (Some(1.0), Some(0.3048006096)));
+        assert_eq!(
+            (crs.linear_unit, crs.vertical_unit),
+            (Some(1.0), Some(0.3048006096))
+        );
     }
 
     #[test]
     fn geographic_and_broken() {
-        assert!(parse(r#"GEOGCS["WGS 84",UNIT["degree",0.0174]]"#).unwrap().geographic);
+        assert!(
+            parse(r#"GEOGCS["WGS 84",UNIT["degree",0.0174]]"#)
+                .unwrap()
+                .geographic
+        );
         assert!(parse(r#"PROJCS["a"#).is_err());
         assert!(parse("PROJCS[\"a\"").is_err());
         assert!(parse("").is_err());

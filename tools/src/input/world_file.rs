@@ -48,7 +48,10 @@ fn candidates(image: &Path) -> Vec<PathBuf> {
 fn read(path: &Path) -> Result<GeoTransform, InputError> {
     let size = fs::metadata(path).map_err(|e| InputError::io(path, e))?.len();
     if size > MAX_BYTES {
-        return Err(InputError::georef(path, "a world file has six numbers; this file is too long"));
+        return Err(InputError::georef(
+            path,
+            "a world file has six numbers; this file is too long",
+        ));
     }
     let bytes = fs::read(path).map_err(|e| InputError::io(path, e))?;
     let text = String::from_utf8_lossy(&bytes);
@@ -57,16 +60,29 @@ fn read(path: &Path) -> Result<GeoTransform, InputError> {
         for word in line.split_whitespace() {
             match word.parse::<f64>() {
                 Ok(number) if number.is_finite() => numbers.push(number),
-                _ => return Err(InputError::line(path, index + 1, format!("'{word}' is not a finite number"))),
+                _ => {
+                    return Err(InputError::line(
+                        path,
+                        index + 1,
+                        format!("'{word}' is not a finite number"),
+                    ));
+                }
             }
         }
     }
     let &[a, d, b, e, c, f] = numbers.as_slice() else {
-        return Err(InputError::georef(path, format!("a world file has six numbers, this one {}", numbers.len())));
+        return Err(InputError::georef(
+            path,
+            format!("a world file has six numbers, this one {}", numbers.len()),
+        ));
     };
     let (column, row) = (DVec2::new(a, d), DVec2::new(b, e));
     // The last two numbers are the centre of the first pixel.
-    let transform = GeoTransform { origin: DVec2::new(c, f) - 0.5 * (column + row), column, row };
+    let transform = GeoTransform {
+        origin: DVec2::new(c, f) - 0.5 * (column + row),
+        column,
+        row,
+    };
     transform.checked(path)
 }
 

@@ -15,7 +15,7 @@ const ROOF_TILE: f64 = 2.0;
 /// The library that goes with the model.
 pub(super) const LIBRARY: &str = "newmtl brick\nKd 1.0 0.72 0.60\nmap_Kd wall.png\n\n\
 newmtl plaster\nKd 1.0 1.0 1.0\nmap_Kd wall.png\n\n\
-newmtl ochre\nKd 1.0 0.90 0.66\nmap_Kd wall.png\n\n\
+newmtl ochre\nKd 1.0 0.93 0.78\nmap_Kd wall.png\n\n\
 newmtl tiles\nKd 1.0 1.0 1.0\nmap_Kd roof.png\n\n\
 newmtl slate\nKd 0.55 0.95 1.0\nmap_Kd roof.png\n\n\
 newmtl wood\nKd 0.33 0.22 0.14\n\n\
@@ -31,7 +31,11 @@ struct Frame {
 impl Frame {
     fn new(site: &Site) -> Frame {
         let d = DVec2::from_angle(site.angle);
-        Frame { origin: site.at.extend(site.level), x: DVec3::new(d.x, d.y, 0.0), y: DVec3::new(-d.y, d.x, 0.0) }
+        Frame {
+            origin: site.at.extend(site.level),
+            x: DVec3::new(d.x, d.y, 0.0),
+            y: DVec3::new(-d.y, d.x, 0.0),
+        }
     }
 
     fn at(&self, x: f64, y: f64, z: f64) -> DVec3 {
@@ -52,19 +56,45 @@ pub(super) fn build(terrain: &Terrain) -> Model {
         let (length, width) = (random.between(9.0, 12.6), random.between(6.6, 8.0));
         let storeys = if random.unit() < 0.55 { 2.0 } else { 1.0 };
         let wall = ["brick", "plaster", "ochre"][(random.unit() * 3.0) as usize % 3];
-        house(&mut model, &frame, DVec2::new(length, width) * 0.5, storeys * WALL_TILE, wall, "tiles");
+        house(
+            &mut model,
+            &frame,
+            DVec2::new(length, width) * 0.5,
+            storeys * WALL_TILE,
+            wall,
+            "tiles",
+        );
         let door = length * 0.5 * random.between(-0.3, 0.3);
-        block(&mut model, &frame, "wood", DVec2::new(door, -width * 0.5 - 0.1), DVec2::new(0.6, 0.25), (-0.5, 2.3));
+        block(
+            &mut model,
+            &frame,
+            "wood",
+            DVec2::new(door, -width * 0.5 - 0.1),
+            DVec2::new(0.6, 0.25),
+            (-0.5, 2.3),
+        );
         let stack = length * random.between(0.15, 0.35);
         let ridge = storeys * WALL_TILE + width * 0.5 * 0.85;
-        block(&mut model, &frame, "brick", DVec2::new(stack, 0.6), DVec2::splat(0.45), (ridge - 1.5, ridge + 1.1));
+        block(
+            &mut model,
+            &frame,
+            "brick",
+            DVec2::new(stack, 0.6),
+            DVec2::splat(0.45),
+            (ridge - 1.5, ridge + 1.1),
+        );
     }
     model
 }
 
 /// Four walls; a whole number of bays to a side, so that no window is cut at a corner.
 fn walls(model: &mut Model, frame: &Frame, half: DVec2, height: f64, material: &'static str) {
-    let corners = [(-half.x, -half.y), (half.x, -half.y), (half.x, half.y), (-half.x, half.y)];
+    let corners = [
+        (-half.x, -half.y),
+        (half.x, -half.y),
+        (half.x, half.y),
+        (-half.x, half.y),
+    ];
     for i in 0..4 {
         let (a, b) = (corners[i], corners[(i + 1) % 4]);
         let length = (b.0 - a.0).hypot(b.1 - a.1);
@@ -89,7 +119,12 @@ fn house(model: &mut Model, frame: &Frame, half: DVec2, height: f64, wall: &'sta
     let ridge = height + half.y * pitch;
     // Gables show plain brick: the picture's strip between two windows.
     for side in [-1.0, 1.0] {
-        let p = |y: f64, z: f64| (frame.at(side * half.x, side * y, z), DVec2::new(0.04 + 0.004 * y, z / WALL_TILE));
+        let p = |y: f64, z: f64| {
+            (
+                frame.at(side * half.x, side * y, z),
+                DVec2::new(0.04 + 0.004 * y, z / WALL_TILE),
+            )
+        };
         model.flat(wall, &[p(-half.y, height), p(half.y, height), p(0.0, ridge)]);
     }
     let (eave, end) = (0.55, half.x + 0.5);
@@ -101,10 +136,16 @@ fn house(model: &mut Model, frame: &Frame, half: DVec2, height: f64, wall: &'sta
             model.flat(
                 roof,
                 &[
-                    (frame.at(side * end, -side * low.x, low.y + lift), DVec2::new(u1, 0.0)),
+                    (
+                        frame.at(side * end, -side * low.x, low.y + lift),
+                        DVec2::new(u1, 0.0),
+                    ),
                     (frame.at(side * end, 0.0, ridge + lift), DVec2::new(u1, run)),
                     (frame.at(-side * end, 0.0, ridge + lift), DVec2::new(u0, run)),
-                    (frame.at(-side * end, -side * low.x, low.y + lift), DVec2::new(u0, 0.0)),
+                    (
+                        frame.at(-side * end, -side * low.x, low.y + lift),
+                        DVec2::new(u0, 0.0),
+                    ),
                 ],
             );
         }
@@ -112,7 +153,14 @@ fn house(model: &mut Model, frame: &Frame, half: DVec2, height: f64, wall: &'sta
 }
 
 /// A plain box between two heights.
-fn block(model: &mut Model, frame: &Frame, material: &'static str, at: DVec2, half: DVec2, (low, high): (f64, f64)) {
+fn block(
+    model: &mut Model,
+    frame: &Frame,
+    material: &'static str,
+    at: DVec2,
+    half: DVec2,
+    (low, high): (f64, f64),
+) {
     let corner = |i: usize, z: f64| {
         let (sx, sy) = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)][i % 4];
         frame.at(at.x + sx * half.x, at.y + sy * half.y, z)
@@ -137,15 +185,36 @@ fn block(model: &mut Model, frame: &Frame, material: &'static str, at: DVec2, ha
 /// A nave under slate and a square tower with a spire.
 fn church(model: &mut Model, frame: &Frame) {
     house(model, frame, DVec2::new(9.0, 4.6), 6.0, "plaster", "slate");
-    let tower = Frame { origin: frame.at(-10.5, 0.0, 0.0), x: frame.x, y: frame.y };
+    let tower = Frame {
+        origin: frame.at(-10.5, 0.0, 0.0),
+        x: frame.x,
+        y: frame.y,
+    };
     walls(model, &tower, DVec2::splat(2.6), 15.0, "plaster");
-    block(model, &tower, "stone", DVec2::ZERO, DVec2::splat(2.85), (14.8, 15.4));
+    block(
+        model,
+        &tower,
+        "stone",
+        DVec2::ZERO,
+        DVec2::splat(2.85),
+        (14.8, 15.4),
+    );
     let tip = tower.at(0.0, 0.0, 25.0);
-    let foot: [DVec3; 4] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
-        .map(|(x, y)| tower.at(x * 2.75, y * 2.75, 15.4));
+    let foot: [DVec3; 4] =
+        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| tower.at(x * 2.75, y * 2.75, 15.4));
     for i in 0..4 {
         let uv = [DVec2::ZERO, DVec2::new(2.75, 0.0), DVec2::new(1.375, 5.0)];
-        model.flat("slate", &[(foot[i], uv[0]), (foot[(i + 1) % 4], uv[1]), (tip, uv[2])]);
+        model.flat(
+            "slate",
+            &[(foot[i], uv[0]), (foot[(i + 1) % 4], uv[1]), (tip, uv[2])],
+        );
     }
-    block(model, frame, "wood", DVec2::new(3.0, -4.7), DVec2::new(0.9, 0.25), (-0.5, 2.8));
+    block(
+        model,
+        frame,
+        "wood",
+        DVec2::new(3.0, -4.7),
+        DVec2::new(0.9, 0.25),
+        (-0.5, 2.8),
+    );
 }

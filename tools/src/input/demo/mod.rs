@@ -56,7 +56,10 @@ pub struct DemoInput {
 /// A folder or file that cannot be written, a size outside 32 to 4096 m.
 pub fn write_demo(dir: &Path, seed: u64, size_m: f64) -> Result<DemoInput, InputError> {
     if !SIZES.contains(&size_m) {
-        return Err(InputError::unsupported(dir, format!("a demo terrain is 32 to 4096 m wide, not {size_m}")));
+        return Err(InputError::unsupported(
+            dir,
+            format!("a demo terrain is 32 to 4096 m wide, not {size_m}"),
+        ));
     }
     fs::create_dir_all(dir).map_err(|e| InputError::io(dir, e))?;
     let terrain = Terrain::new(seed, size_m);
@@ -73,13 +76,22 @@ pub fn write_demo(dir: &Path, seed: u64, size_m: f64) -> Result<DemoInput, Input
     save(&dir.join("bark.png"), |path| textures::bark(seed).save(path))?;
     let mut meshes = vec![dir.join("trees.obj")];
     if !terrain.sites.is_empty() {
-        write(&dir.join("buildings.obj"), &buildings::build(&terrain).text("buildings.mtl"))?;
+        write(
+            &dir.join("buildings.obj"),
+            &buildings::build(&terrain).text("buildings.mtl"),
+        )?;
         write(&dir.join("buildings.mtl"), buildings::LIBRARY)?;
         save(&dir.join("wall.png"), |path| textures::wall(seed).save(path))?;
         save(&dir.join("roof.png"), |path| textures::roof(seed).save(path))?;
         meshes.push(dir.join("buildings.obj"));
     }
-    Ok(DemoInput { heights, imagery, meshes, up: UpAxis::Z, trees })
+    Ok(DemoInput {
+        heights,
+        imagery,
+        meshes,
+        up: UpAxis::Z,
+        trees,
+    })
 }
 
 fn write_heights(dir: &Path, terrain: &Terrain) -> Result<PathBuf, InputError> {
@@ -89,7 +101,9 @@ fn write_heights(dir: &Path, terrain: &Terrain) -> Result<PathBuf, InputError> {
     let code = |i: u32| {
         let (column, row) = (f64::from(i % n), f64::from(i / n));
         let at = DVec2::new((column + 0.5) * step, terrain.size - (row + 0.5) * step);
-        ((terrain.height(at) - OFFSET) / SCALE).round().clamp(0.0, 65535.0) as u16
+        ((terrain.height(at) - OFFSET) / SCALE)
+            .round()
+            .clamp(0.0, 65535.0) as u16
     };
     let codes: Vec<u16> = (0..n * n).into_par_iter().map(code).collect();
     let image: ImageBuffer<Luma<u16>, Vec<u16>> = ImageBuffer::from_raw(n, n, codes)
@@ -107,7 +121,10 @@ fn write_heights(dir: &Path, terrain: &Terrain) -> Result<PathBuf, InputError> {
 /// World file of a square picture with its lower-left corner at (0, 0).
 fn write_world_file(path: &Path, size: f64, pixels: u32) -> Result<(), InputError> {
     let step = size / f64::from(pixels);
-    write(path, &format!("{step}\n0\n0\n{}\n{}\n{}\n", -step, 0.5 * step, size - 0.5 * step))
+    write(
+        path,
+        &format!("{step}\n0\n0\n{}\n{}\n{}\n", -step, 0.5 * step, size - 0.5 * step),
+    )
 }
 
 fn write(path: &Path, text: &str) -> Result<(), InputError> {
@@ -127,9 +144,15 @@ mod tests {
     fn the_demo_loads_as_a_users_files_would() {
         let dir = tempfile::tempdir().unwrap();
         let demo = write_demo(dir.path(), 1, DEFAULT_SIZE).unwrap();
-        let (map, imagery) = load_layer(&demo.heights, Some(&demo.imagery), HeightOptions::default()).unwrap();
+        let (map, imagery) =
+            load_layer(&demo.heights, Some(&demo.imagery), HeightOptions::default()).unwrap();
         assert_eq!(map.bounds(), (DVec2::ZERO, DVec2::splat(DEFAULT_SIZE)));
-        assert!(imagery.unwrap().color_at_area(100.0, 100.0, 101.0, 101.0).is_some());
+        assert!(
+            imagery
+                .unwrap()
+                .color_at_area(100.0, 100.0, 101.0, 101.0)
+                .is_some()
+        );
         let (low, high) = map.min_max();
         assert!((55.0..90.0).contains(&(high - low)), "relief {low} to {high}");
 
@@ -137,7 +160,10 @@ mod tests {
         let relief = (0..16).map(|cell| {
             let corner = DVec2::new(f64::from(cell % 4), f64::from(cell / 4)) * 64.0;
             let heights = (0..128 * 128).filter_map(|i| {
-                map.height_at(corner.x + f64::from(i % 128) * 0.5 + 0.25, corner.y + f64::from(i / 128) * 0.5 + 0.25)
+                map.height_at(
+                    corner.x + f64::from(i % 128) * 0.5 + 0.25,
+                    corner.y + f64::from(i / 128) * 0.5 + 0.25,
+                )
             });
             let (lo, hi) = heights.fold((f64::MAX, f64::MIN), |(lo, hi), h| (lo.min(h), hi.max(h)));
             hi - lo
@@ -152,7 +178,10 @@ mod tests {
             assert!(min.min_element() > 0.0 && max.x < DEFAULT_SIZE && max.y < DEFAULT_SIZE);
             let leaves = mesh.materials.iter().any(|m| m.cutout);
             assert_eq!(leaves, path.ends_with("trees.obj"));
-            let repeats = mesh.triangles.iter().any(|t| t.uv.iter().any(|uv| uv.max_element() > 1.5));
+            let repeats = mesh
+                .triangles
+                .iter()
+                .any(|t| t.uv.iter().any(|uv| uv.max_element() > 1.5));
             assert!(repeats, "{}", path.display());
         }
     }

@@ -37,7 +37,10 @@ impl Model {
         face.push('\n');
         match self.groups.iter_mut().find(|g| g.material == material) {
             Some(group) => group.faces.push_str(&face),
-            None => self.groups.push(Group { material, faces: face }),
+            None => self.groups.push(Group {
+                material,
+                faces: face,
+            }),
         }
     }
 
@@ -52,7 +55,10 @@ impl Model {
 
     /// The text of the file, naming `library` for its materials.
     pub(super) fn text(&self, library: &str) -> String {
-        let mut text = format!("mtllib {library}\n{}{}{}", self.vertices, self.texcoords, self.normals);
+        let mut text = format!(
+            "mtllib {library}\n{}{}{}",
+            self.vertices, self.texcoords, self.normals
+        );
         for group in &self.groups {
             let _ = write!(text, "usemtl {}\n{}", group.material, group.faces);
         }

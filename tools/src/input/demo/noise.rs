@@ -32,7 +32,9 @@ impl Random {
 
 /// Uniform in 0..1 for a cell of the integer lattice.
 pub(super) fn cell(seed: u64, x: i64, y: i64) -> f64 {
-    let key = seed ^ (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (y as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f);
+    let key = seed
+        ^ (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
+        ^ (y as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f);
     (mix(mix(key)) >> 11) as f64 / (1u64 << 53) as f64
 }
 

@@ -36,10 +36,15 @@ pub(super) fn imagery(terrain: &Terrain, pixels: u32) -> RgbImage {
     let step = terrain.size / f64::from(pixels);
     let n = pixels as usize;
     let at = |column: usize, row: usize| {
-        DVec2::new((column as f64 + 0.5) * step, terrain.size - (row as f64 + 0.5) * step)
+        DVec2::new(
+            (column as f64 + 0.5) * step,
+            terrain.size - (row as f64 + 0.5) * step,
+        )
     };
-    let grounds: Vec<Ground> =
-        (0..n * n).into_par_iter().map(|i| terrain.ground(at(i % n, i / n))).collect();
+    let grounds: Vec<Ground> = (0..n * n)
+        .into_par_iter()
+        .map(|i| terrain.ground(at(i % n, i / n)))
+        .collect();
     let mut bytes = vec![0u8; n * n * 3];
     bytes.par_chunks_exact_mut(3).enumerate().for_each(|(i, pixel)| {
         let (column, row) = (i % n, i / n);
@@ -80,19 +85,35 @@ fn color(terrain: &Terrain, at: DVec2, ground: &Ground, slope: f64) -> Color {
     c = field(terrain, at, ground, c);
 
     let stones = mix(SCREE, ROCK, 0.5 + 0.5 * fine);
-    c = mix(c, stones, smoothstep(0.55, 0.85, slope + 0.22 * medium + 0.05 * fine));
-    c = mix(c, rock(terrain, at, ground.height, fine), smoothstep(0.95, 1.35, slope + 0.2 * medium));
-    let snow_line = 62.0 + 4.0 * broad + 2.0 * medium;
-    let lies = smoothstep(1.3, 0.75, slope) * smoothstep(snow_line, snow_line + 4.0, ground.height);
+    c = mix(
+        c,
+        stones,
+        smoothstep(0.55, 0.85, slope + 0.22 * medium + 0.05 * fine),
+    );
+    c = mix(
+        c,
+        rock(terrain, at, ground.height, fine),
+        smoothstep(0.95, 1.35, slope + 0.2 * medium),
+    );
+    let snow_line = 68.0 + 5.0 * broad + 3.0 * medium;
+    let lies = smoothstep(1.3, 0.75, slope) * smoothstep(snow_line, snow_line + 3.0, ground.height);
     c = mix(c, SNOW.map(|v| v * (1.0 + 0.02 * fine)), lies);
 
     let above = -ground.depth;
     let beach = 1.3 + 0.5 * medium;
-    c = mix(c, SAND.map(|v| v * (1.0 + 0.06 * fine)), smoothstep(beach, beach * 0.55, above) * smoothstep(0.8, 0.4, slope));
+    c = mix(
+        c,
+        SAND.map(|v| v * (1.0 + 0.06 * fine)),
+        smoothstep(beach, beach * 0.55, above) * smoothstep(0.8, 0.4, slope),
+    );
     c = mix(c, WET_SAND, smoothstep(0.28, 0.05, above));
     stream(terrain, at, ground, &mut c, fine);
-    let yard = smoothstep(2.0, -1.0, ground.site + 1.2 * medium);
-    c = mix(c, YARD.map(|v| v * (1.0 + 0.1 * fine + 0.05 * medium)), yard * 0.85);
+    let worn = ground.site + 1.5 + 3.2 * fractal(seed ^ 25, at / 6.5, 3) + 0.8 * medium;
+    c = mix(
+        c,
+        YARD.map(|v| v * (1.0 + 0.1 * fine + 0.05 * medium)),
+        smoothstep(1.5, -2.5, worn) * 0.8,
+    );
     let verge = smoothstep(4.2, 2.2, ground.road + 0.7 * medium) * 0.6;
     c = mix(c, DRY, verge);
     let ruts = smoothstep(0.45, 0.2, (ground.road - 0.85).abs());
@@ -117,7 +138,10 @@ fn rock(terrain: &Terrain, at: DVec2, height: f64, fine: f64) -> Color {
 
 fn water(terrain: &Terrain, at: DVec2, depth: f64) -> Color {
     let seed = terrain.seed;
-    let ripple = noise(seed ^ 41, DVec2::new(at.x / 2.6 + at.y / 5.0, at.y / 0.9 - at.x / 6.0));
+    let ripple = noise(
+        seed ^ 41,
+        DVec2::new(at.x / 2.6 + at.y / 5.0, at.y / 0.9 - at.x / 6.0),
+    );
     let clouds = fractal(seed ^ 42, at / 18.0, 3);
     let mut c = mix(SHALLOW, DEEP, 1.0 - (-depth / 1.1).exp());
     c = mix(WET_SAND, c, smoothstep(0.0, 0.45, depth + 0.08 * ripple));
@@ -128,17 +152,23 @@ fn water(terrain: &Terrain, at: DVec2, depth: f64) -> Color {
 
 fn stream(terrain: &Terrain, at: DVec2, ground: &Ground, c: &mut Color, fine: f64) {
     let wide = 1.15 + 0.45 * noise(terrain.seed ^ 51, at / 7.0);
-    *c = mix(*c, [0.56, 0.54, 0.50].map(|v| v * (1.0 + 0.16 * fine)), smoothstep(wide + 1.5, wide + 0.2, ground.stream));
+    *c = mix(
+        *c,
+        [0.56, 0.54, 0.50].map(|v| v * (1.0 + 0.16 * fine)),
+        smoothstep(wide + 1.5, wide + 0.2, ground.stream),
+    );
     let ripples = 1.0 + 0.14 * noise(terrain.seed ^ 52, at / 0.7);
-    *c = mix(*c, [0.22, 0.36, 0.38].map(|v| v * ripples), smoothstep(wide + 0.35, wide - 0.3, ground.stream));
+    *c = mix(
+        *c,
+        [0.22, 0.36, 0.38].map(|v| v * ripples),
+        smoothstep(wide + 0.35, wide - 0.3, ground.stream),
+    );
 }
 
 /// Ploughed and sown strips south of the road.
 fn field(terrain: &Terrain, at: DVec2, ground: &Ground, c: Color) -> Color {
-    let p = at / terrain.size;
-    let local = DVec2::from_angle(0.21).rotate(p - DVec2::new(0.60, 0.115));
-    let inside = local.abs() - DVec2::new(0.20, 0.075);
-    let edge = inside.max_element() * terrain.size + 0.6 * noise(terrain.seed ^ 61, at / 6.0);
+    let (local, edge) = terrain.field(at);
+    let edge = edge + 0.6 * noise(terrain.seed ^ 61, at / 6.0);
     let strip = ((local.x / 0.4 + 0.5) * 5.0).floor();
     let tone = super::noise::cell(terrain.seed ^ 62, strip as i64, 0);
     let crop = if tone < 0.35 {

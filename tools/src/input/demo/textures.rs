@@ -29,7 +29,11 @@ fn put(image: &mut RgbaImage, x: f64, y: f64, color: [f64; 3]) {
     let (w, h) = image.dimensions();
     if x >= 0.0 && y >= 0.0 && x < f64::from(w) && y < f64::from(h) {
         let byte = |v: f64| (v * 255.0).clamp(0.0, 255.0) as u8;
-        image.put_pixel(x as u32, y as u32, Rgba([byte(color[0]), byte(color[1]), byte(color[2]), 255]));
+        image.put_pixel(
+            x as u32,
+            y as u32,
+            Rgba([byte(color[0]), byte(color[1]), byte(color[2]), 255]),
+        );
     }
 }
 
@@ -63,9 +67,33 @@ pub(super) fn leaves(seed: u64) -> RgbaImage {
         let middle = low + QUADRANT * 0.5;
         match kind {
             Leaves::Needles => needles(&mut image, low, bounds, &mut random),
-            Leaves::Broad => cluster(&mut image, middle, 150, (8.0, 4.6), [0.25, 0.40, 0.13], bounds, &mut random),
-            Leaves::Light => cluster(&mut image, middle, 130, (6.5, 3.8), [0.44, 0.52, 0.19], bounds, &mut random),
-            Leaves::Bush => cluster(&mut image, middle, 190, (7.0, 4.6), [0.31, 0.39, 0.18], bounds, &mut random),
+            Leaves::Broad => cluster(
+                &mut image,
+                middle,
+                210,
+                (8.0, 4.6),
+                [0.25, 0.40, 0.13],
+                bounds,
+                &mut random,
+            ),
+            Leaves::Light => cluster(
+                &mut image,
+                middle,
+                190,
+                (6.5, 3.8),
+                [0.44, 0.52, 0.19],
+                bounds,
+                &mut random,
+            ),
+            Leaves::Bush => cluster(
+                &mut image,
+                middle,
+                230,
+                (7.0, 4.6),
+                [0.31, 0.39, 0.18],
+                bounds,
+                &mut random,
+            ),
         }
     }
     image
@@ -81,16 +109,23 @@ fn cluster(
     random: &mut Random,
 ) {
     for i in 0..count {
-        let ring = (f64::from(i) / f64::from(count)).sqrt();
+        let ring = (f64::from(i) / f64::from(count)).powf(1.3);
         let out = DVec2::from_angle(random.between(0.0, std::f64::consts::TAU));
         // From the rim inwards, so that inner leaves lie on top.
-        let at = middle + out * (1.0 - ring * 0.95) * random.between(0.75, 1.0) * QUADRANT * 0.47;
+        let at = middle + out * (1.0 - ring * 0.95) * random.between(0.7, 1.0) * QUADRANT * 0.47;
         let direction = DVec2::from_angle(random.between(0.0, std::f64::consts::TAU)) + out * 0.5;
         let scale = random.between(0.75, 1.2);
         let tone = random.between(0.62, 1.12) * (0.75 + 0.35 * ring);
         let yellow = random.between(0.9, 1.2);
         let color = [color[0] * tone * yellow, color[1] * tone, color[2] * tone];
-        leaf(image, at, direction.normalize_or(DVec2::X) * size.0 * scale, size.1 * scale, color, bounds);
+        leaf(
+            image,
+            at,
+            direction.normalize_or(DVec2::X) * size.0 * scale,
+            size.1 * scale,
+            color,
+            bounds,
+        );
     }
 }
 
@@ -102,14 +137,22 @@ fn needles(image: &mut RgbaImage, low: DVec2, bounds: (DVec2, DVec2), random: &m
         let side = if i % 2 == 0 { 1.0 } else { -1.0 };
         let spread = (1.0 - t).powf(0.7) * QUADRANT * 0.44 + 4.0;
         let reach = random.between(0.1, 1.0) * spread;
-        let at = DVec2::new(low.x + 4.0 + t * (QUADRANT - 14.0) + reach * 0.25, middle + side * reach);
+        let at = DVec2::new(
+            low.x + 4.0 + t * (QUADRANT - 14.0) + reach * 0.25,
+            middle + side * reach,
+        );
         let tone = random.between(0.6, 1.15) * (0.8 + 0.4 * reach / QUADRANT);
         let color = [0.15 * tone, 0.27 * tone, 0.15 * tone];
         leaf(image, at, DVec2::new(0.75, side * 0.6) * 8.5, 2.7, color, bounds);
     }
     for x in 2..(QUADRANT as u32 - 6) {
         for y in -1..=1 {
-            put(image, low.x + f64::from(x), middle + f64::from(y), [0.27, 0.20, 0.13]);
+            put(
+                image,
+                low.x + f64::from(x),
+                middle + f64::from(y),
+                [0.27, 0.20, 0.13],
+            );
         }
     }
 }
@@ -142,7 +185,11 @@ pub(super) fn wall(seed: u64) -> RgbaImage {
         let color = if in_box(0.5, 0.68) {
             let bar = from_middle.x < 0.05 || (y - 1.75).abs() < 0.045;
             let gloss = 0.5 + 0.5 * noise(seed ^ 82, DVec2::new(x * 2.0 + y, y * 2.0));
-            if bar { [0.90, 0.89, 0.85] } else { [0.12 + 0.10 * gloss, 0.17 + 0.13 * gloss, 0.23 + 0.16 * gloss] }
+            if bar {
+                [0.90, 0.89, 0.85]
+            } else {
+                [0.12 + 0.10 * gloss, 0.17 + 0.13 * gloss, 0.23 + 0.16 * gloss]
+            }
         } else if in_box(0.58, 0.76) {
             [0.92, 0.90, 0.86]
         } else if in_box(0.95, 0.70) {
@@ -177,7 +224,10 @@ fn brick(seed: u64, x: f64, y: f64) -> [f64; 3] {
 pub(super) fn roof(seed: u64) -> RgbaImage {
     let side = 128u32;
     RgbaImage::from_fn(side, side, |px, py| {
-        let (x, y) = (f64::from(px) / f64::from(side) * 8.0, f64::from(side - 1 - py) / f64::from(side) * 8.0);
+        let (x, y) = (
+            f64::from(px) / f64::from(side) * 8.0,
+            f64::from(side - 1 - py) / f64::from(side) * 8.0,
+        );
         let course = y.floor();
         let across = x + if course as i64 % 2 == 0 { 0.5 } else { 0.0 };
         let tone = 0.72 + 0.36 * cell(seed ^ 91, across.floor() as i64 % 8, course as i64);
