@@ -54,9 +54,13 @@ mod lru;
 pub mod page;
 mod pager;
 mod queue;
+#[cfg(test)]
+mod shuttle_tests;
 pub mod store;
 mod sync;
 mod table;
+#[cfg(test)]
+mod testing;
 pub mod tree;
 
 pub use page::{LevelPage, PageKey, RootPage};

@@ -81,10 +81,10 @@ const PATIENCE: std::time::Duration = std::time::Duration::from_millis(100);
 impl Drop for Loaders {
     fn drop(&mut self) {
         self.loads.stop();
-        self.loads.wait_for_threads(PATIENCE);
+        let all_left = self.loads.wait_for_threads(PATIENCE);
         for thread in self.threads.drain(..) {
             // One that hangs in the store ends by itself when its read returns; it holds nothing but its own references.
-            if thread.is_finished() {
+            if all_left || thread.is_finished() {
                 let _ = thread.join();
             }
         }

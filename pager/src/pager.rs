@@ -2,6 +2,8 @@
 
 mod merge;
 mod submit;
+#[cfg(test)]
+mod tests;
 
 use std::fmt;
 use std::sync::Arc;

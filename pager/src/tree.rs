@@ -100,7 +100,7 @@ impl TreeState {
                 found.stop = Stop::Terminal;
                 return found;
             };
-            index = tile * 8 + octant(p >> u32::from(level - l - 1));
+            index = tile.saturating_mul(8) + octant(p >> u32::from(level - l - 1));
         }
         found.stop = Stop::Reached;
         found
