@@ -1,0 +1,137 @@
+//! Sparse storage of one level: blocks of 8³ samples on the global lattice, in columns.
+//!
+//! A block is empty (absent), deep solid (no samples kept) or dense. Columns keep the long run of solid under the ground
+//! as one range; a slot, where there is one, comes before the range.
+
+use std::ops::Range;
+
+use super::lattice::{CellBox, SIDE};
+
+/// Samples of a block.
+pub(crate) const BLOCK: usize = (SIDE * SIDE * SIDE) as usize;
+
+/// The samples of a dense block, x fastest.
+pub(crate) type Dense<T> = Box<[T; BLOCK]>;
+
+/// A stored block.
+#[derive(Debug)]
+pub(crate) enum Slot<T> {
+    Solid,
+    Dense(Dense<T>),
+}
+
+/// A block as it is found.
+#[derive(Debug)]
+pub(crate) enum Block<'a, T> {
+    Empty,
+    Solid,
+    Dense(&'a [T; BLOCK]),
+}
+
+/// Blocks above one another.
+#[derive(Debug)]
+pub(crate) struct BlockColumn<T> {
+    /// Blocks of deep solid, where there is no slot.
+    pub(crate) solid: Range<i64>,
+    /// Further blocks by height, lowest first.
+    pub(crate) slots: Vec<(i64, Slot<T>)>,
+}
+
+impl<T> Default for BlockColumn<T> {
+    fn default() -> Self {
+        Self { solid: 0..0, slots: Vec::new() }
+    }
+}
+
+impl<T> BlockColumn<T> {
+    /// The block at a height.
+    #[inline]
+    pub(crate) fn get(&self, z: i64) -> Block<'_, T> {
+        match self.slots.binary_search_by_key(&z, |s| s.0) {
+            Ok(k) => match &self.slots[k].1 {
+                Slot::Solid => Block::Solid,
+                Slot::Dense(dense) => Block::Dense(dense),
+            },
+            Err(_) if self.solid.contains(&z) => Block::Solid,
+            Err(_) => Block::Empty,
+        }
+    }
+}
+
+/// The blocks of one level in a box.
+#[derive(Debug)]
+pub(crate) struct Blocks<T> {
+    lo: [i64; 2],
+    size: [i64; 2],
+    columns: Vec<BlockColumn<T>>,
+    outside: BlockColumn<T>,
+}
+
+impl<T> Blocks<T> {
+    /// From columns in rows of x, over the x and y extent of a box given in blocks.
+    pub(crate) fn new(extent: &CellBox, columns: Vec<BlockColumn<T>>) -> Self {
+        let [x, y, _] = extent.lo;
+        let size = [extent.hi[0] - x, extent.hi[1] - y];
+        debug_assert_eq!(columns.len() as i64, size[0] * size[1]);
+        Self { lo: [x, y], size, columns, outside: BlockColumn::default() }
+    }
+
+    /// The column at a block position; outside the box there is nothing.
+    #[inline]
+    pub(crate) fn column(&self, x: i64, y: i64) -> &BlockColumn<T> {
+        let (i, j) = (x - self.lo[0], y - self.lo[1]);
+        if i < 0 || j < 0 || i >= self.size[0] || j >= self.size[1] {
+            return &self.outside;
+        }
+        self.columns.get((j * self.size[0] + i) as usize).unwrap_or(&self.outside)
+    }
+
+    /// Whether there is nothing in a box of blocks.
+    pub(crate) fn is_empty_in(&self, extent: &CellBox) -> bool {
+        let heights = extent.lo[2]..extent.hi[2];
+        block_columns(extent).into_iter().all(|(x, y)| {
+            let column = self.column(x, y);
+            let solid = column.solid.start.max(heights.start)..column.solid.end.min(heights.end);
+            solid.is_empty() && !column.slots.iter().any(|s| heights.contains(&s.0))
+        })
+    }
+}
+
+/// Block positions of an extent in rows of x.
+pub(crate) fn block_columns(extent: &CellBox) -> Vec<(i64, i64)> {
+    let [x0, y0, _] = extent.lo;
+    let [x1, y1, _] = extent.hi;
+    (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))).collect()
+}
+
+/// A dense block of default samples.
+pub(crate) fn new_dense<T: Copy + Default>() -> Dense<T> {
+    Box::new([T::default(); BLOCK])
+}
+
+/// Index in a block of a cell given by its place on the lattice.
+#[inline]
+pub(crate) fn in_block(x: i64, y: i64, z: i64) -> usize {
+    let m = SIDE - 1;
+    (((z & m) * SIDE + (y & m)) * SIDE + (x & m)) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slots_come_before_the_solid_range() {
+        let column =
+            BlockColumn { solid: -4..3, slots: vec![(-1, Slot::Dense(new_dense::<u8>())), (5, Slot::Solid)] };
+        let kinds: String = (-5..7)
+            .map(|z| match column.get(z) {
+                Block::Empty => '.',
+                Block::Solid => 's',
+                Block::Dense(_) => 'd',
+            })
+            .collect();
+        assert_eq!(kinds, ".sssdsss..s.");
+        assert_eq!(in_block(-1, -8, 9), 7 + 64);
+    }
+}

@@ -1,0 +1,291 @@
+//! The finest level of one tree and its margin: height maps column by column, triangles cell by cell.
+//!
+//! Work is cut into tiles of block columns, each done by one thread; what a cell gets does not depend on the cut.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+
+use super::blocks::{BlockColumn, Blocks, Dense, Slot, in_block, new_dense};
+use super::ground::{Ground, GroundGrid};
+use super::lattice::{CellBox, Lattice, SIDE, TreePlace};
+use super::overlap::for_each_cell;
+use super::sample::{Look, Sample};
+use super::surface::{Facet, Surfaces};
+
+/// Block columns of a tile per axis.
+const TILE: i64 = 8;
+
+/// What the finest level of a tree is made from.
+pub(crate) struct Sources<'a> {
+    pub(crate) lattice: Lattice,
+    pub(crate) place: TreePlace,
+    /// Height maps over the tree and its margin.
+    pub(crate) grids: &'a [GroundGrid],
+    /// Lowest solid cell of a column of trees; `None` where it has no ground.
+    pub(crate) bottom: &'a (dyn Fn((i64, i64)) -> Option<i64> + Sync),
+    pub(crate) surfaces: &'a Surfaces<'a>,
+    /// Numbers, ascending, of the triangles that may meet the tree and its margin.
+    pub(crate) triangles: &'a [u32],
+}
+
+/// The tree's own cells that a surface meets.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Met {
+    pub(crate) count: u64,
+    /// Their box; meaningless while the count is 0.
+    pub(crate) bounds: Option<CellBox>,
+}
+
+impl Met {
+    fn add(&mut self, cell: [i64; 3]) {
+        let one = CellBox { lo: cell, hi: cell.map(|c| c + 1) };
+        *self = self.with(&Met { count: 1, bounds: Some(one) });
+    }
+
+    fn with(&self, other: &Met) -> Met {
+        let bounds = match (self.bounds, other.bounds) {
+            (Some(a), Some(b)) => Some(CellBox {
+                lo: std::array::from_fn(|k| a.lo[k].min(b.lo[k])),
+                hi: std::array::from_fn(|k| a.hi[k].max(b.hi[k])),
+            }),
+            (a, b) => a.or(b),
+        };
+        Met { count: self.count + other.count, bounds }
+    }
+}
+
+/// Voxelises the finest level.
+pub(crate) fn voxelise(sources: &Sources) -> (Blocks<Sample>, Met) {
+    let extent = sources.lattice.support(sources.place, 0).blocks();
+    let tiles = tiles(&extent);
+    let lists = triangles_by_tile(sources, &tiles);
+    let done: Vec<(Vec<BlockColumn<Sample>>, Met)> =
+        tiles.par_iter().zip(&lists).map(|(tile, list)| voxelise_tile(sources, tile, list)).collect();
+    let width = extent.hi[0] - extent.lo[0];
+    let count = width * (extent.hi[1] - extent.lo[1]);
+    let mut columns: Vec<BlockColumn<Sample>> = (0..count).map(|_| BlockColumn::default()).collect();
+    let mut met = Met::default();
+    for (tile, (tile_columns, tile_met)) in tiles.iter().zip(done) {
+        met = met.with(&tile_met);
+        for ((x, y), column) in super::blocks::block_columns(tile).into_iter().zip(tile_columns) {
+            columns[((y - extent.lo[1]) * width + x - extent.lo[0]) as usize] = column;
+        }
+    }
+    (Blocks::new(&extent, columns), met)
+}
+
+/// Cuts an extent (in blocks) into tiles.
+fn tiles(extent: &CellBox) -> Vec<CellBox> {
+    let steps = |k: usize| (extent.lo[k]..extent.hi[k]).step_by(TILE as usize);
+    steps(1)
+        .flat_map(|y| steps(0).map(move |x| (x, y)))
+        .map(|(x, y)| CellBox {
+            lo: [x, y, extent.lo[2]],
+            hi: [(x + TILE).min(extent.hi[0]), (y + TILE).min(extent.hi[1]), extent.hi[2]],
+        })
+        .collect()
+}
+
+fn cells(blocks: &CellBox) -> CellBox {
+    CellBox { lo: blocks.lo.map(|b| b * SIDE), hi: blocks.hi.map(|b| b * SIDE) }
+}
+
+/// The box of cells around a triangle.
+pub(crate) fn triangle_cells(corners: &[glam::DVec3; 3]) -> CellBox {
+    let lo = corners[0].min(corners[1]).min(corners[2]).floor();
+    let hi = corners[0].max(corners[1]).max(corners[2]).floor();
+    CellBox { lo: lo.to_array().map(|v| v as i64), hi: hi.to_array().map(|v| v as i64 + 1) }
+}
+
+fn triangles_by_tile(sources: &Sources, tiles: &[CellBox]) -> Vec<Vec<u32>> {
+    let mut lists = vec![Vec::new(); tiles.len()];
+    let (Some(first), Some(last)) = (tiles.first(), tiles.last()) else {
+        return lists;
+    };
+    let all = cells(&CellBox { lo: first.lo, hi: last.hi });
+    let across = (last.hi[0] - first.lo[0] + TILE - 1) / TILE;
+    let tile_cells = TILE * SIDE;
+    for number in sources.triangles {
+        let Some(corners) = sources.surfaces.corners(*number as usize) else { continue };
+        let met = triangle_cells(&corners).intersection(&all);
+        if met.is_empty() {
+            continue;
+        }
+        let range = |k: usize| (met.lo[k] - all.lo[k]) / tile_cells..(met.hi[k] - 1 - all.lo[k]) / tile_cells + 1;
+        for j in range(1) {
+            for i in range(0) {
+                lists[(j * across + i) as usize].push(*number);
+            }
+        }
+    }
+    lists
+}
+
+/// What triangles leave in a cell.
+#[derive(Clone, Copy, Debug, Default)]
+struct Facets {
+    skin: f32,
+    alpha: f32,
+    sum: f32,
+    rgb: [f32; 3],
+    normal: [f32; 3],
+}
+
+impl Facets {
+    fn add(&mut self, f: &Facet) {
+        self.skin = self.skin.max(f.skin);
+        self.alpha = self.alpha.max(f.alpha);
+        self.sum += f.alpha;
+        for k in 0..3 {
+            self.rgb[k] += f.rgb[k] * f.alpha;
+            self.normal[k] += f.normal[k] * f.alpha;
+        }
+    }
+}
+
+fn voxelise_tile(sources: &Sources, tile: &CellBox, triangles: &[u32]) -> (Vec<BlockColumn<Sample>>, Met) {
+    let mut facets: BTreeMap<[i64; 3], Dense<Facets>> = BTreeMap::new();
+    let clip = cells(tile);
+    for number in triangles {
+        let number = *number as usize;
+        let (Some(corners), Some(shader)) = (sources.surfaces.corners(number), sources.surfaces.shader(number)) else {
+            continue;
+        };
+        for_each_cell(&corners, &clip, |cell| {
+            if let Some(facet) = shader.facet(cell) {
+                let [x, y, z] = cell;
+                let block = [x.div_euclid(SIDE), y.div_euclid(SIDE), z.div_euclid(SIDE)];
+                facets.entry(block).or_insert_with(new_dense)[in_block(x, y, z)].add(&facet);
+            }
+        });
+    }
+    let own = sources.lattice.own(sources.place);
+    let mut met = Met::default();
+    let columns = super::blocks::block_columns(tile)
+        .into_iter()
+        .map(|(x, y)| {
+            let column = GroundColumn::new(sources, x, y, tile);
+            let from = [x, y, i64::MIN];
+            let to = [x, y, i64::MAX];
+            let with_facets: Vec<_> = facets.range(from..=to).map(|(b, f)| (b[2], f)).collect();
+            let mut heights: Vec<i64> = column.dense.clone().collect();
+            heights.extend(with_facets.iter().map(|(z, _)| *z));
+            heights.sort_unstable();
+            heights.dedup();
+            let mut slots = Vec::with_capacity(heights.len());
+            for z in heights {
+                let facets = with_facets.binary_search_by_key(&z, |f| f.0).ok().map(|k| &**with_facets[k].1);
+                if let Some(dense) = column.block([x, y, z], facets, &own, &mut met) {
+                    slots.push((z, Slot::Dense(dense)));
+                }
+            }
+            BlockColumn { solid: column.solid, slots }
+        })
+        .collect();
+    (columns, met)
+}
+
+/// The ground in one column of blocks.
+struct GroundColumn {
+    /// Per layer, the ground of the 64 columns of cells.
+    layers: Vec<[Option<Ground>; (SIDE * SIDE) as usize]>,
+    bottom: i64,
+    /// Blocks that are solid all through.
+    solid: std::ops::Range<i64>,
+    /// Further blocks that have ground.
+    dense: std::ops::Range<i64>,
+}
+
+impl GroundColumn {
+    fn new(sources: &Sources, x: i64, y: i64, tile: &CellBox) -> Self {
+        let nothing = Self { layers: Vec::new(), bottom: 0, solid: 0..0, dense: 0..0 };
+        let Some(bottom) = (sources.bottom)(sources.lattice.column_of(x * SIDE, y * SIDE)) else {
+            return nothing;
+        };
+        let layers: Vec<[Option<Ground>; 64]> = sources
+            .grids
+            .iter()
+            .map(|grid| std::array::from_fn(|k| grid.ground(x * SIDE + k as i64 % SIDE, y * SIDE + k as i64 / SIDE)))
+            .filter(|layer: &[Option<Ground>; 64]| layer.iter().any(Option::is_some))
+            .collect();
+        if layers.is_empty() {
+            return nothing;
+        }
+        let all = || layers.iter().flatten().flatten();
+        let lowest = all().map(|g| g.lowest).min().unwrap_or(bottom);
+        let highest = all().map(|g| g.highest).max().unwrap_or(bottom);
+        let closed = (0..64).all(|k| layers.iter().any(|l| l[k].is_some()));
+        let clamp = |z: i64| z.clamp(tile.lo[2], tile.hi[2]);
+        let first = clamp(bottom.div_euclid(SIDE));
+        let end = clamp(highest.div_euclid(SIDE) + 1);
+        let whole = clamp((bottom + SIDE - 1).div_euclid(SIDE));
+        // A column with holes, or one whose bottom cuts a block, is dense all the way down.
+        let solid = if closed && whole == first { whole..clamp(lowest.div_euclid(SIDE)).max(whole) } else { 0..0 };
+        let dense = if solid.is_empty() { first..end } else { solid.end..end };
+        Self { layers, bottom, solid, dense }
+    }
+
+    /// The samples of a block, `None` if nothing is in it. Own cells that a surface meets are counted.
+    fn block(
+        &self,
+        block: [i64; 3],
+        facets: Option<&[Facets; super::blocks::BLOCK]>,
+        own: &CellBox,
+        met: &mut Met,
+    ) -> Option<Dense<Sample>> {
+        let mut dense = new_dense::<Sample>();
+        let mut any = false;
+        for k in 0..(SIDE * SIDE) as usize {
+            let (x, y) = (block[0] * SIDE + k as i64 % SIDE, block[1] * SIDE + k as i64 / SIDE);
+            for i in 0..SIDE {
+                let z = block[2] * SIDE + i;
+                let at = i as usize * 64 + k;
+                let sample = self.sample(k, z, facets.map(|f| &f[at]).filter(|f| f.sum > 0.0));
+                if sample.weight > 0.0 && own.contains([x, y, z]) {
+                    met.add([x, y, z]);
+                }
+                any |= !sample.is_empty();
+                dense[at] = sample;
+            }
+        }
+        any.then_some(dense)
+    }
+
+    #[inline]
+    fn sample(&self, k: usize, z: i64, facets: Option<&Facets>) -> Sample {
+        let mut look = Look::default();
+        let mut sum = 0.0;
+        for ground in self.layers.iter().filter_map(|l| l[k].as_ref()) {
+            if z > ground.highest || z < self.bottom {
+                continue;
+            }
+            if z < ground.lowest {
+                look.solid = 1.0;
+                continue;
+            }
+            look.solid = look.solid.max(ground.filled(z));
+            look.weight = 1.0;
+            sum += 1.0;
+            for c in 0..3 {
+                look.rgb[c] += ground.rgb[c];
+                look.normal[c] += ground.normal[c];
+            }
+        }
+        if sum == 0.0 && facets.is_none() {
+            return if look.solid == 1.0 { Sample::DEEP } else { Sample::default() };
+        }
+        if let Some(f) = facets {
+            look.skin = f.skin;
+            look.weight = look.weight.max(f.alpha);
+            sum += f.sum;
+            for c in 0..3 {
+                look.rgb[c] += f.rgb[c];
+                look.normal[c] += f.normal[c];
+            }
+        }
+        look.rgb = look.rgb.map(|c| c / sum);
+        look.normal = look.normal.map(|c| c / sum);
+        Sample::new(&look)
+    }
+}

@@ -1,0 +1,248 @@
+//! Height maps on the lattice: the surface over the columns of cells around one tree, and the colours of solid ground.
+//!
+//! The surface of a column is the fan of four triangles between the heights at its corners, which neighbouring columns
+//! share, and at its centre. Heights are in cell coordinates of the whole lattice.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::lattice::{CellBox, Lattice};
+use crate::input::{HeightMap, Imagery, ramp_color};
+
+use brickfell_formats::layout::SampleLayout;
+
+/// A height map and the picture laid over it.
+#[derive(Debug)]
+pub(crate) struct Layer {
+    pub(crate) map: HeightMap,
+    pub(crate) imagery: Option<Imagery>,
+}
+
+/// One layer over the columns of a rectangle of cells.
+#[derive(Debug)]
+pub(crate) struct GroundGrid {
+    lo: [i64; 2],
+    size: [i64; 2],
+    corners: Vec<f64>,
+    columns: Vec<Column>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Column {
+    /// NaN where there is no ground.
+    centre: f64,
+    rgb: [f32; 3],
+    normal: [f32; 3],
+}
+
+/// The ground in one column of cells.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ground {
+    heights: [f64; 5],
+    /// Cells that the surface meets, both inclusive; those below are solid.
+    pub(crate) lowest: i64,
+    pub(crate) highest: i64,
+    /// Straight linear light.
+    pub(crate) rgb: [f32; 3],
+    pub(crate) normal: [f32; 3],
+}
+
+impl Ground {
+    /// The part of the cell at height `z` that lies under the surface.
+    pub(crate) fn filled(&self, z: i64) -> f32 {
+        const SHARE: [f64; 5] = [0.125, 0.125, 0.125, 0.125, 0.5];
+        let z = z as f64;
+        self.heights.iter().zip(SHARE).map(|(h, w)| (h - z).clamp(0.0, 1.0) * w).sum::<f64>() as f32
+    }
+}
+
+impl Layer {
+    /// Height in cell coordinates over a point given in them, NaN where there is none.
+    fn height(&self, lattice: &Lattice, x: f64, y: f64) -> f64 {
+        let height = self.map.height_at(lattice.to_world(x), lattice.to_world(y));
+        height.map_or(f64::NAN, |z| lattice.to_cell(z))
+    }
+
+    /// The rectangle of cells that the map may reach.
+    pub(crate) fn extent(&self, lattice: &Lattice) -> ([i64; 2], [i64; 2]) {
+        let (min, max) = self.map.bounds();
+        let lo = min.to_array().map(|v| lattice.to_cell(v).floor() as i64 - 1);
+        let hi = max.to_array().map(|v| lattice.to_cell(v).ceil() as i64 + 1);
+        (lo, hi)
+    }
+
+    /// Least and greatest height (cell coordinates) that the columns of a rectangle of cells have, if any.
+    pub(crate) fn range(&self, lattice: &Lattice, lo: [i64; 2], hi: [i64; 2]) -> Option<(f64, f64)> {
+        let (l, h) = self.extent(lattice);
+        let (lo, hi) = ([lo[0].max(l[0]), lo[1].max(l[1])], [hi[0].min(h[0]), hi[1].min(h[1])]);
+        let merge = |a: (f64, f64, bool), b: (f64, f64, bool)| (a.0.min(b.0), a.1.max(b.1), a.2 || b.2);
+        let none = (f64::INFINITY, f64::NEG_INFINITY, false);
+        let point = |x: f64, y: f64, counts: bool| match self.height(lattice, x, y) {
+            z if z.is_nan() => none,
+            z => (z, z, counts),
+        };
+        // Corners on the far edges belong to columns inside; there is ground only if a column's centre has some.
+        let range = (lo[1]..hi[1] + 1)
+            .into_par_iter()
+            .map(|y| {
+                (lo[0]..hi[0] + 1).fold(none, |range, x| {
+                    let inside = x < hi[0] && y < hi[1];
+                    let (x, y) = (x as f64, y as f64);
+                    let range = merge(range, point(x, y, false));
+                    if inside { merge(range, point(x + 0.5, y + 0.5, true)) } else { range }
+                })
+            })
+            .reduce(|| none, merge);
+        range.2.then_some((range.0, range.1))
+    }
+
+    fn color(&self, lattice: &Lattice, x: i64, y: i64, height: f64, up: f32) -> [f32; 3] {
+        let (x, y) = (x as f64, y as f64);
+        let [x0, x1, y0, y1] = [x, x + 1.0, y, y + 1.0].map(|v| lattice.to_world(v));
+        let picture = self.imagery.as_ref().and_then(|i| i.color_at_area(x0, y0, x1, y1));
+        let [r, g, b, a] = picture.filter(|c| c[3] > 0.0).unwrap_or_else(|| {
+            let (min, max) = self.map.min_max();
+            let above = (lattice.to_world(height) as f32 - min) / (max - min).max(f32::MIN_POSITIVE);
+            ramp_color(above, up)
+        });
+        [r / a, g / a, b / a]
+    }
+}
+
+impl GroundGrid {
+    /// A layer over a rectangle of cells; `None` where it has no ground there.
+    pub(crate) fn new(layer: &Layer, lattice: &Lattice, area: &CellBox) -> Option<Self> {
+        let (l, h) = layer.extent(lattice);
+        let lo: [i64; 2] = std::array::from_fn(|k| area.lo[k].max(l[k]));
+        let size: [i64; 2] = std::array::from_fn(|k| area.hi[k].min(h[k]) - lo[k]);
+        if size[0] <= 0 || size[1] <= 0 {
+            return None;
+        }
+        let corners: Vec<f64> = (0..=size[1])
+            .into_par_iter()
+            .flat_map_iter(|j| (0..=size[0]).map(move |i| (i, j)))
+            .map(|(i, j)| layer.height(lattice, (lo[0] + i) as f64, (lo[1] + j) as f64))
+            .collect();
+        let mut grid = Self { lo, size, corners, columns: Vec::new() };
+        let column = |(i, j): (i64, i64)| {
+            let (x, y) = (lo[0] + i, lo[1] + j);
+            let centre = layer.height(lattice, x as f64 + 0.5, y as f64 + 0.5);
+            if centre.is_nan() {
+                return Column { centre, rgb: [0.0; 3], normal: [0.0; 3] };
+            }
+            let [a, b, c, d] = grid.corner_heights(i, j, centre);
+            let slope = [(b + d - a - c) * 0.5, (c + d - a - b) * 0.5];
+            let normal = DVec3::new(-slope[0], -slope[1], 1.0).normalize().as_vec3();
+            let rgb = layer.color(lattice, x, y, centre, normal.z);
+            Column { centre, rgb, normal: normal.to_array() }
+        };
+        let columns: Vec<Column> = (0..size[1])
+            .into_par_iter()
+            .flat_map_iter(|j| (0..size[0]).map(move |i| (i, j)))
+            .map(column)
+            .collect();
+        grid.columns = columns;
+        grid.columns.iter().any(|c| !c.centre.is_nan()).then_some(grid)
+    }
+
+    /// Heights at the corners of a column, the centre's where there is none (at the rim of the map).
+    fn corner_heights(&self, i: i64, j: i64, centre: f64) -> [f64; 4] {
+        let at = (j * (self.size[0] + 1) + i) as usize;
+        let next = at + self.size[0] as usize + 1;
+        [at, at + 1, next, next + 1].map(|k| match self.corners.get(k) {
+            Some(h) if !h.is_nan() => *h,
+            _ => centre,
+        })
+    }
+
+    /// The ground in the column of cells at (x, y).
+    pub(crate) fn ground(&self, x: i64, y: i64) -> Option<Ground> {
+        let (i, j) = (x - self.lo[0], y - self.lo[1]);
+        if i < 0 || j < 0 || i >= self.size[0] || j >= self.size[1] {
+            return None;
+        }
+        let column = self.columns.get((j * self.size[0] + i) as usize).filter(|c| !c.centre.is_nan())?;
+        let [a, b, c, d] = self.corner_heights(i, j, column.centre);
+        let heights = [a, b, c, d, column.centre];
+        let least = heights.iter().copied().fold(f64::INFINITY, f64::min);
+        let greatest = heights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        Some(Ground {
+            heights,
+            lowest: least.floor() as i64,
+            highest: greatest.floor() as i64,
+            rgb: column.rgb,
+            normal: column.normal,
+        })
+    }
+}
+
+/// Colours of solid ground that no surface gives one, by column of cells of one mip: the mean of the ground above.
+#[derive(Debug)]
+pub(crate) struct Hints {
+    lo: [i64; 2],
+    size: [i64; 2],
+    /// Sum of colours (linear light) and their share.
+    colors: Vec<[f32; 4]>,
+}
+
+impl Hints {
+    /// Of the finest level over a rectangle of cells; the first layer with ground counts.
+    pub(crate) fn finest(grids: &[GroundGrid], area: &CellBox) -> Self {
+        let [x0, y0, _] = area.lo;
+        let size = if grids.is_empty() { [0, 0] } else { [area.hi[0] - x0, area.hi[1] - y0] };
+        let color = |(i, j): (i64, i64)| {
+            let ground = grids.iter().find_map(|g| g.ground(x0 + i, y0 + j));
+            ground.map_or([0.0; 4], |g| [g.rgb[0], g.rgb[1], g.rgb[2], 1.0])
+        };
+        let cells = (0..size[1]).into_par_iter().flat_map_iter(|j| (0..size[0]).map(move |i| (i, j)));
+        Self { lo: [x0, y0], size, colors: cells.map(color).collect() }
+    }
+
+    /// Of the next coarser mip, over a rectangle of its cells.
+    pub(crate) fn coarser(&self, layout: SampleLayout, area: &CellBox) -> Self {
+        let [x0, y0, _] = area.lo;
+        let size = if self.colors.is_empty() { [0, 0] } else { [area.hi[0] - x0, area.hi[1] - y0] };
+        let taps: &[(i64, f32)] = match layout {
+            SampleLayout::Centre => &[(0, 0.5), (1, 0.5)],
+            SampleLayout::Corner => &[(-1, 0.25), (0, 0.5), (1, 0.25)],
+        };
+        let color = |(i, j): (i64, i64)| {
+            let mut sum = [0.0f32; 4];
+            for (dy, wy) in taps {
+                for (dx, wx) in taps {
+                    let c = self.at(2 * (x0 + i) + dx, 2 * (y0 + j) + dy);
+                    (0..4).for_each(|k| sum[k] += c[k] * wx * wy);
+                }
+            }
+            sum
+        };
+        let cells = (0..size[1]).into_par_iter().flat_map_iter(|j| (0..size[0]).map(move |i| (i, j)));
+        Self { lo: [x0, y0], size, colors: cells.map(color).collect() }
+    }
+
+    fn at(&self, x: i64, y: i64) -> [f32; 4] {
+        let (i, j) = (x - self.lo[0], y - self.lo[1]);
+        if i < 0 || j < 0 || i >= self.size[0] || j >= self.size[1] {
+            return [0.0; 4];
+        }
+        self.colors.get((j * self.size[0] + i) as usize).copied().unwrap_or_default()
+    }
+
+    /// The colour of the column of cells at (x, y), straight linear light.
+    pub(crate) fn color(&self, x: i64, y: i64) -> [f32; 3] {
+        self.mean([x, y], 1)
+    }
+
+    /// The mean colour of a square of columns.
+    pub(crate) fn mean(&self, lo: [i64; 2], side: i64) -> [f32; 3] {
+        let mut sum = [0.0f32; 4];
+        for y in lo[1]..lo[1] + side {
+            for x in lo[0]..lo[0] + side {
+                let c = self.at(x, y);
+                (0..4).for_each(|k| sum[k] += c[k]);
+            }
+        }
+        let [r, g, b, w] = sum;
+        if w > 0.0 { [r / w, g / w, b / w] } else { [0.0; 3] }
+    }
+}

@@ -1,0 +1,188 @@
+//! `build.json`: what a database is made from, so that a build can be resumed or refused.
+//!
+//! It is written before anything else and never changes. A folder is ours if it has one; an equal one means that the
+//! trees already there are those that this build would make.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
+
+use serde::Serialize;
+
+use super::error::BuildError;
+
+/// Name of the manifest in the output folder.
+pub(crate) const MANIFEST: &str = "build.json";
+/// Names of trees that turned out empty, one a line.
+pub(crate) const EMPTY_TREES: &str = "empty_trees.txt";
+/// The folder of trees.
+pub(crate) const TREES: &str = "trees";
+/// The scene.
+pub(crate) const SCENE: &str = "scene.xml";
+
+const FORMAT: &str = "brickfell-build";
+/// Raised whenever the builder makes other bytes from the same input.
+const VERSION: u32 = 1;
+
+/// What a database is made from.
+#[derive(Debug, Serialize)]
+pub(crate) struct Manifest {
+    format: &'static str,
+    version: u32,
+    /// Voxel size in metres and everything else that decides the bytes.
+    pub(crate) arguments: Arguments,
+    inputs: Vec<InputFile>,
+}
+
+/// Arguments after defaults are filled in.
+#[derive(Debug, Serialize)]
+pub(crate) struct Arguments {
+    pub(crate) voxel: f64,
+    pub(crate) tree_voxels: u32,
+    pub(crate) up: String,
+    pub(crate) height_unit: String,
+    pub(crate) layout: String,
+    pub(crate) encoding: String,
+    pub(crate) chunk_log2: u8,
+}
+
+#[derive(Debug, Serialize)]
+struct InputFile {
+    role: &'static str,
+    path: PathBuf,
+    bytes: u64,
+    /// Seconds and nanoseconds since 1970.
+    modified: (u64, u32),
+}
+
+impl Manifest {
+    /// Of arguments and input files (with what they are used for).
+    ///
+    /// # Errors
+    /// If a file's size and time cannot be read.
+    pub(crate) fn new(arguments: Arguments, inputs: &[(&'static str, &Path)]) -> Result<Self, BuildError> {
+        let inputs = inputs.iter().map(|(role, path)| {
+            let meta = fs::metadata(path).map_err(BuildError::io(path))?;
+            let time = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok()).unwrap_or_default();
+            Ok(InputFile {
+                role,
+                path: path.to_path_buf(),
+                bytes: meta.len(),
+                modified: (time.as_secs(), time.subsec_nanos()),
+            })
+        });
+        let inputs = inputs.collect::<Result<_, BuildError>>()?;
+        Ok(Self { format: FORMAT, version: VERSION, arguments, inputs })
+    }
+
+    fn text(&self, path: &Path) -> Result<String, BuildError> {
+        let text = serde_json::to_string_pretty(self).map_err(|e| BuildError::io(path)(e.into()))?;
+        Ok(text + "\n")
+    }
+}
+
+/// Makes the output folder ready and writes the manifest; what an equal manifest has finished stays.
+///
+/// # Errors
+/// The folder is not ours, or (without `force`) made from something else.
+pub(crate) fn claim(out: &Path, manifest: &Manifest, force: bool) -> Result<(), BuildError> {
+    let path = out.join(MANIFEST);
+    let text = manifest.text(&path)?;
+    match fs::read(&path) {
+        Ok(old) if old == text.as_bytes() && !force => return Ok(()),
+        Ok(old) if is_ours(&old) => {
+            if !force {
+                return Err(BuildError::Exists(out.to_path_buf()));
+            }
+            remove_ours(out)?;
+        }
+        Ok(_) => return Err(BuildError::Foreign(out.to_path_buf())),
+        Err(_) => {
+            if out.exists() && fs::read_dir(out).map_err(BuildError::io(out))?.next().is_some() {
+                return Err(BuildError::Foreign(out.to_path_buf()));
+            }
+        }
+    }
+    let trees = out.join(TREES);
+    fs::create_dir_all(&trees).map_err(BuildError::io(&trees))?;
+    write_whole(&path, text.as_bytes())
+}
+
+fn is_ours(manifest: &[u8]) -> bool {
+    serde_json::from_slice::<serde_json::Value>(manifest)
+        .is_ok_and(|v| v.get("format").and_then(|f| f.as_str()) == Some(FORMAT))
+}
+
+/// Removes what a build writes, and nothing else.
+fn remove_ours(out: &Path) -> Result<(), BuildError> {
+    let trees = out.join(TREES);
+    if let Ok(entries) = fs::read_dir(&trees) {
+        for entry in entries.flatten().filter(|e| is_tree_name(&e.file_name().to_string_lossy())) {
+            remove_tree(&entry.path())?;
+        }
+    }
+    let _ = fs::remove_dir(&trees);
+    for name in [SCENE, EMPTY_TREES, MANIFEST] {
+        let path = out.join(name);
+        if path.exists() {
+            fs::remove_file(&path).map_err(BuildError::io(&path))?;
+        }
+    }
+    Ok(())
+}
+
+/// Removes a tree's folder, as far as it holds files of a tree.
+///
+/// # Errors
+/// If a file cannot be removed.
+pub(crate) fn remove_tree(folder: &Path) -> Result<(), BuildError> {
+    for entry in fs::read_dir(folder).map_err(BuildError::io(folder))?.flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with("tree.") && (name.ends_with(".oct") || name.ends_with(".brk")) {
+            fs::remove_file(entry.path()).map_err(BuildError::io(&entry.path()))?;
+        }
+    }
+    let _ = fs::remove_dir(folder);
+    Ok(())
+}
+
+fn is_tree_name(name: &str) -> bool {
+    let name = name.strip_suffix(PARTIAL).unwrap_or(name);
+    let parts: Vec<&str> = name.split('_').collect();
+    parts.len() == 3
+        && parts.iter().zip(["x", "y", "z"]).all(|(part, axis)| {
+            part.strip_prefix(axis).is_some_and(|number| number.parse::<i64>().is_ok())
+        })
+}
+
+/// Ending of a folder whose tree is being written.
+pub(crate) const PARTIAL: &str = ".partial";
+
+/// Writes a file under another name and renames it into place.
+///
+/// # Errors
+/// If that fails.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), BuildError> {
+    let mut name = path.as_os_str().to_os_string();
+    name.push(PARTIAL);
+    let partial = PathBuf::from(name);
+    let write = || {
+        let mut file = fs::File::create(&partial)?;
+        std::io::Write::write_all(&mut file, bytes)?;
+        file.sync_data()
+    };
+    write().map_err(BuildError::io(&partial))?;
+    fs::rename(&partial, path).map_err(BuildError::io(path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_trees() {
+        assert!(is_tree_name("x-1_y20_z3") && is_tree_name("x0_y0_z0.partial"));
+        assert!(!is_tree_name("x1_y2") && !is_tree_name("x_y_z") && !is_tree_name("photos"));
+    }
+}

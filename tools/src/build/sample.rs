@@ -1,0 +1,184 @@
+//! A sample while it is being built, the mean of samples, and the step to what is stored.
+//!
+//! A sample keeps apart what a stored alpha puts together: `skin`, the opacity of open surfaces (0..2; above 1 it is
+//! over-saturated so that a skin stays opaque at every phase of the interpolation), and `solid`, the filled part of the
+//! voxel (0..1). Colour and normal have a weight of their own, the part of the voxel that surfaces meet: solid ground
+//! has none, so it never tints a coarser voxel. Every step is rounded the same way whatever tree asks for it.
+
+use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Value};
+
+/// Full solid.
+pub(crate) const SOLID: u16 = u16::MAX;
+/// Code of skin 1; a skin of 2 is the most.
+const SKIN_ONE: f32 = 32767.0;
+const SKIN_MAX: f32 = 2.0;
+const NORMAL_ONE: f32 = 32767.0;
+
+/// One sample: 20 bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Sample {
+    /// Weight of colour and normal, 0..1; a float since it falls by 8 a level where surfaces are small.
+    pub(crate) weight: f32,
+    skin: u16,
+    solid: u16,
+    rgb: [u16; 3],
+    normal: [i16; 3],
+}
+
+/// A sample before rounding. Colour: straight linear light. Normal: length ≤ 1.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Look {
+    pub(crate) skin: f32,
+    pub(crate) solid: f32,
+    pub(crate) weight: f32,
+    pub(crate) rgb: [f32; 3],
+    pub(crate) normal: [f32; 3],
+}
+
+fn code(v: f32, one: f32) -> u16 {
+    (v * one + 0.5) as u16
+}
+
+impl Sample {
+    /// Solid all through, met by no surface.
+    pub(crate) const DEEP: Sample = Sample { weight: 0.0, skin: 0, solid: SOLID, rgb: [0; 3], normal: [0; 3] };
+
+    /// Rounds a look.
+    pub(crate) fn new(look: &Look) -> Self {
+        Self {
+            weight: look.weight,
+            skin: code(look.skin.clamp(0.0, SKIN_MAX), SKIN_ONE),
+            solid: code(look.solid.clamp(0.0, 1.0), f32::from(SOLID)),
+            rgb: look.rgb.map(|c| code(c.clamp(0.0, 1.0), 65535.0)),
+            normal: look.normal.map(|c| (c * NORMAL_ONE).round() as i16),
+        }
+    }
+
+    /// Whether nothing is there.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.skin == 0 && self.solid == 0 && self.weight == 0.0
+    }
+
+    /// Whether it is solid all through and met by no surface.
+    pub(crate) fn is_deep(&self) -> bool {
+        self.solid == SOLID && self.skin == 0 && self.weight == 0.0
+    }
+
+    /// What is stored. `hint` is the colour of solid that no surface gives one (straight linear light).
+    pub(crate) fn texel(&self, hint: [f32; 3]) -> Texel {
+        let skin = f32::from(self.skin) * (127.5 / SKIN_ONE);
+        let solid = f32::from(self.solid) * (f32::from(SOLID_ALPHA) / f32::from(SOLID));
+        let alpha = ((skin + solid) / 255.0).min(1.0);
+        let (rgb, normal) = if self.weight > 0.0 {
+            (self.rgb.map(|c| f32::from(c) / 65535.0), self.normal.map(|c| f32::from(c) / NORMAL_ONE))
+        } else {
+            (hint, [0.0; 3])
+        };
+        let stored = Value { rgb, alpha, normal }.store(BUILD_GAIN);
+        let [x, y, z, _] = stored.normal;
+        Texel { color: stored.color, normal: [x, y, z], deep: self.is_deep() }
+    }
+}
+
+/// A sample as it is stored in a brick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Texel {
+    /// Premultiplied colour and alpha (`formats::value`).
+    pub(crate) color: [u8; 4],
+    /// Mean normal × opacity.
+    pub(crate) normal: [i8; 3],
+    /// Solid all through, met by no surface: its colour is only a hint.
+    pub(crate) deep: bool,
+}
+
+/// A weighted mean of samples, weights adding up to 1.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Mean {
+    skin: f32,
+    solid: f32,
+    weight: f32,
+    rgb: [f32; 3],
+    normal: [f32; 3],
+}
+
+impl Mean {
+    /// Adds a sample.
+    #[inline]
+    pub(crate) fn add(&mut self, s: &Sample, share: f32) {
+        self.skin += f32::from(s.skin) * share;
+        self.solid += f32::from(s.solid) * share;
+        if s.weight > 0.0 {
+            let w = s.weight * share;
+            self.weight += w;
+            for k in 0..3 {
+                self.rgb[k] += f32::from(s.rgb[k]) * w;
+                self.normal[k] += f32::from(s.normal[k]) * w;
+            }
+        }
+    }
+
+    /// The sample one level up. What counts for a skin is the part of the cross-section that it covers, not of the
+    /// volume: a plane through a voxel meets half of its eight parts, so the mean is doubled, and a skin stays a skin.
+    #[inline]
+    pub(crate) fn sample(&self) -> Sample {
+        let inverse = if self.weight > 0.0 { 1.0 / self.weight } else { 0.0 };
+        Sample {
+            weight: self.weight,
+            skin: (2.0 * self.skin + 0.5).min(SKIN_MAX * SKIN_ONE) as u16,
+            solid: (self.solid + 0.5) as u16,
+            rgb: self.rgb.map(|c| (c * inverse + 0.5) as u16),
+            normal: self.normal.map(|c| (c * inverse).round() as i16),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickfell_formats::value::{SKIN_ALPHA, decode_color};
+
+    fn mean(samples: &[Sample; 8]) -> Sample {
+        let mut mean = Mean::default();
+        samples.iter().for_each(|s| mean.add(s, 0.125));
+        mean.sample()
+    }
+
+    #[test]
+    fn solid_and_skin_are_stored_opaque() {
+        assert_eq!(size_of::<Sample>(), 20);
+        let deep = Sample::DEEP.texel([0.5; 3]);
+        assert_eq!((deep.color[3], deep.normal, deep.deep), (SOLID_ALPHA, [0; 3], true));
+        let skin = Look { skin: 2.0, weight: 1.0, rgb: [1.0, 0.5, 0.0], normal: [0.0, 0.0, 1.0], solid: 0.0 };
+        let texel = Sample::new(&skin).texel([0.0; 3]);
+        assert_eq!((texel.color[3], texel.normal, texel.deep), (SKIN_ALPHA, [0, 0, 127], false));
+        let c = decode_color(texel.color);
+        assert!((c[1] - 0.5).abs() < 0.01 && c[2] == 0.0);
+    }
+
+    #[test]
+    fn a_flat_skin_stays_opaque_and_a_speck_fades() {
+        let skin = Sample::new(&Look { skin: 2.0, weight: 1.0, ..Look::default() });
+        let none = Sample::default();
+        let mut plane = mean(&[skin, skin, skin, skin, none, none, none, none]);
+        for _ in 0..10 {
+            plane = mean(&[plane, plane, plane, plane, none, none, none, none]);
+            assert!(plane.texel([0.0; 3]).color[3] >= 254);
+        }
+        let mut speck = skin;
+        for _ in 0..5 {
+            speck = mean(&[speck, none, none, none, none, none, none, none]);
+        }
+        assert_eq!(speck.texel([0.0; 3]).color[3], 0);
+        assert!(speck.weight > 0.0);
+    }
+
+    #[test]
+    fn solid_never_tints() {
+        let red = Look { weight: 1.0, solid: 0.5, rgb: [0.8, 0.0, 0.0], ..Look::default() };
+        let mixed = [Sample::new(&red), Sample::DEEP, Sample::DEEP, Sample::DEEP];
+        let all = mean(&std::array::from_fn(|k| mixed[k % 4]));
+        let texel = all.texel([0.0, 1.0, 0.0]);
+        let c = decode_color(texel.color);
+        assert!((c[0] / c[3] - 0.8).abs() < 0.01 && c[1] == 0.0, "{c:?}");
+    }
+}
