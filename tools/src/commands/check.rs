@@ -1,0 +1,262 @@
+//! `brickfell check`: reads everything in a database and says what is wrong with it.
+//!
+//! A fault is one line, `path: place: message`, and makes the exit code 1. A warning is something that is drawn but
+//! probably not meant. Trees, and the chunks of their levels, are read in parallel; the output is in the order of the
+//! scene whatever the number of threads.
+
+mod bricks;
+mod seams;
+mod tree;
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use brickfell_culler::{Aabb, SceneGraph, TreeId, overlapping_pairs};
+use brickfell_formats::bricks::brick_file_name;
+use brickfell_formats::scene::{Bounds, Group, PagedOctTree, Scene};
+use brickfell_pager::{FolderStore, Store};
+use brickfell_runtime::terrain::SCENE_FILE;
+use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
+use rayon::prelude::*;
+
+use super::CommandError;
+use super::database::{folder_bytes, located, open_scene, print};
+use tree::TreeReport;
+
+/// Arguments of `check`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Folder of the database: the one that holds scene.xml
+    #[arg(value_name = "DIR")]
+    pub dir: PathBuf,
+}
+
+/// Most pairs of overlapping trees that are listed one by one.
+const LISTED_PAIRS: usize = 20;
+
+/// What was found out about a database.
+#[derive(Debug, Default)]
+struct Report {
+    faults: Vec<String>,
+    warnings: Vec<String>,
+    trees: usize,
+    bricks: u64,
+    chunks: u64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// A folder or scene that cannot be read at all; everything else is a line of the output.
+pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
+    let (store, scene) = open_scene(&args.dir)?;
+    let bytes = folder_bytes(&args.dir)?;
+    let bar = ProgressBar::new(bytes).with_style(
+        ProgressStyle::with_template("{bar:32} {bytes}/{total_bytes}  {bytes_per_sec}  {eta} left")
+            .unwrap_or_else(|_| ProgressStyle::default_bar()),
+    );
+    let report = check(&store, &scene, &bar);
+    bar.finish_and_clear();
+    let mut text = String::new();
+    for fault in &report.faults {
+        let _ = writeln!(text, "{fault}");
+    }
+    for warning in &report.warnings {
+        let _ = writeln!(text, "warning: {warning}");
+    }
+    let _ = writeln!(
+        text,
+        "{} trees, {} bricks in {} chunks, {}: {}, {}",
+        HumanCount(report.trees as u64),
+        HumanCount(report.bricks),
+        HumanCount(report.chunks),
+        HumanBytes(bytes),
+        counted(report.faults.len(), "fault"),
+        counted(report.warnings.len(), "warning"),
+    );
+    print(&text)?;
+    Ok(if report.faults.is_empty() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
+}
+
+fn counted(n: usize, what: &str) -> String {
+    match n {
+        0 => format!("no {what}s"),
+        1 => format!("1 {what}"),
+        n => format!("{} {what}s", HumanCount(n as u64)),
+    }
+}
+
+fn check(store: &FolderStore, scene: &Scene, bar: &ProgressBar) -> Report {
+    let mut report = Report::default();
+    let references: Vec<&PagedOctTree> = scene.trees().collect();
+    report.trees = references.len();
+    if references.is_empty() {
+        report
+            .warnings
+            .push(located(store, SCENE_FILE, "file: the scene has no trees"));
+    }
+    let mut files: Vec<&str> = references.iter().map(|t| t.tree_file.as_str()).collect();
+    files.sort_unstable();
+    files.dedup();
+    let trees: BTreeMap<&str, TreeReport> = files
+        .par_iter()
+        .map(|name| (*name, tree::check(store, name, bar)))
+        .collect();
+
+    check_names(store, &files, &mut report);
+    check_layouts(store, &trees, &mut report);
+    check_groups(store, &scene.root, &mut report);
+    let mut named = BTreeMap::new();
+    for reference in &references {
+        let Some(tree) = trees.get(reference.tree_file.as_str()) else {
+            continue;
+        };
+        if named.insert(reference.tree_file.as_str(), ()).is_none() {
+            report.faults.extend(tree.faults.iter().cloned());
+            report.bricks += tree.bricks;
+            report.chunks += tree.chunks;
+        }
+        check_reference(store, reference, tree, &mut report);
+    }
+    check_overlaps(store, &references, &trees, &mut report);
+    report
+}
+
+/// Brick files are named after the tree file without its extension, so that part must differ.
+fn check_names(store: &dyn Store, files: &[&str], report: &mut Report) {
+    let mut stems = BTreeMap::new();
+    for file in files {
+        if let Some(other) = stems.insert(brick_file_name(file, 0), file) {
+            let what =
+                format!("file: would share its brick files with {other}: only their extensions differ");
+            report.faults.push(located(store, file, what));
+        }
+    }
+}
+
+fn check_layouts(store: &dyn Store, trees: &BTreeMap<&str, TreeReport>, report: &mut Report) {
+    let mut with_bricks = trees
+        .iter()
+        .filter(|(_, t)| t.bricks > 0)
+        .filter_map(|(name, t)| Some((*name, t.header?.layout)));
+    let Some((first, layout)) = with_bricks.next() else {
+        return;
+    };
+    for (name, other) in with_bricks.filter(|(_, other)| *other != layout) {
+        let what = format!("byte 13: sample layout {other:?}, but {first} has {layout:?}: a scene has one");
+        report.faults.push(located(store, name, what));
+    }
+}
+
+/// Groups: what the program cannot draw, and boxes that do not hold what is in them.
+fn check_groups(store: &dyn Store, root: &Group, report: &mut Report) {
+    let mut groups = vec![root];
+    while let Some(group) = groups.pop() {
+        if group.compressed {
+            let what = "file: Compressed=\"YES\" is not supported by this version";
+            report.faults.push(located(store, SCENE_FILE, what));
+        }
+        let inside = group.trees.iter().filter_map(|t| t.bounds);
+        let inside = inside.chain(group.groups.iter().filter_map(|g| g.bounds));
+        for inner in inside {
+            if let Some(outer) = group.bounds.filter(|outer| !holds(outer, &inner)) {
+                let what = format!(
+                    "file: the box of a group, {} to {}, does not hold one inside it, {} to {}",
+                    outer.min, outer.max, inner.min, inner.max
+                );
+                report.warnings.push(located(store, SCENE_FILE, what));
+            }
+        }
+        groups.extend(&group.groups);
+    }
+}
+
+fn holds(outer: &Bounds, inner: &Bounds) -> bool {
+    let slack = tolerance(&[inner.min, inner.max]);
+    (outer.min - slack).cmple(inner.min).all() && (outer.max + slack).cmpge(inner.max).all()
+}
+
+/// How far a written coordinate of a box may be from the computed one, metres: decimals cut short by hand.
+fn tolerance(corners: &[glam::DVec3; 2]) -> f64 {
+    let [min, max] = corners;
+    (max - min).max_element() * 1e-6 + min.abs().max(max.abs()).max_element() * 1e-12
+}
+
+/// What the scene says about a tree against what the tree says.
+fn check_reference(store: &dyn Store, reference: &PagedOctTree, tree: &TreeReport, report: &mut Report) {
+    let Some(header) = tree.header else {
+        return;
+    };
+    let corners = header.bounds();
+    let slack = tolerance(&corners);
+    let name = &reference.tree_file;
+    if let Some(Bounds { min, max }) = reference.bounds {
+        let off = (min - corners[0])
+            .abs()
+            .max((max - corners[1]).abs())
+            .max_element();
+        if off > slack {
+            let what = format!(
+                "file: TreeFile=\"{name}\": its box is {min} to {max}, the octree's {} to {}",
+                corners[0], corners[1]
+            );
+            report.faults.push(located(store, SCENE_FILE, what));
+        }
+    }
+    let center = (corners[0] + corners[1]) * 0.5;
+    let needed = reference.center.distance(center) + header.side() * 3f64.sqrt() * 0.5;
+    // A per mille covers radii written with few digits.
+    if needed > reference.radius * 1.001 + slack {
+        let what = format!(
+            "file: TreeFile=\"{name}\": its sphere (Center, Radius {}) does not hold the octree's box, which needs {needed:.2}",
+            reference.radius
+        );
+        report.warnings.push(located(store, SCENE_FILE, what));
+    }
+}
+
+/// Trees that overlap have no right order for drawing.
+fn check_overlaps(
+    store: &dyn Store,
+    references: &[&PagedOctTree],
+    trees: &BTreeMap<&str, TreeReport>,
+    report: &mut Report,
+) {
+    let mut builder = SceneGraph::builder();
+    let added = builder.add_group(None).and_then(|group| {
+        for (id, reference) in (0..).zip(references) {
+            let header = trees.get(reference.tree_file.as_str()).and_then(|t| t.header);
+            let bounds = header.and_then(|h| Aabb::new(h.bounds()[0], h.bounds()[1]).ok());
+            if let Some(bounds) = bounds {
+                builder.add_tree(Some(group), TreeId(id), bounds)?;
+            }
+        }
+        Ok(())
+    });
+    if let Err(e) = added {
+        report
+            .faults
+            .push(located(store, SCENE_FILE, format_args!("file: {e}")));
+        return;
+    }
+    let pairs = overlapping_pairs(&builder.finish());
+    let name = |id: TreeId| references.get(id.0 as usize).map_or("", |t| t.tree_file.as_str());
+    for (a, b) in pairs.iter().take(LISTED_PAIRS) {
+        let what = format!(
+            "file: the boxes of {} and {} overlap: no order of drawing is right for them",
+            name(*a),
+            name(*b)
+        );
+        report.warnings.push(located(store, SCENE_FILE, what));
+    }
+    if pairs.len() > LISTED_PAIRS {
+        let what = format!("file: {} more pairs of trees overlap", pairs.len() - LISTED_PAIRS);
+        report.warnings.push(located(store, SCENE_FILE, what));
+    }
+}

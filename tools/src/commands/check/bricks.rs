@@ -1,0 +1,143 @@
+//! The brick file of one level: header, directory, every chunk, against the nodes that refer to it.
+//!
+//! Chunks are read in parallel; of each only the fingerprints of its seams are kept.
+
+use brickfell_formats::bricks::{BrickIndex, ChunkEntry, HEADER_BYTES, decode_header};
+use brickfell_formats::layout::SampleLayout;
+use brickfell_formats::morton;
+use brickfell_pager::Store;
+use indicatif::ProgressBar;
+use rayon::prelude::*;
+
+use super::seams::{Seam, disagreements, seams};
+use crate::commands::database::located;
+
+/// A level of a tree and the file that has its bricks.
+pub(super) struct Level<'a> {
+    /// Where to read.
+    pub(super) store: &'a dyn Store,
+    /// Name of the brick file.
+    pub(super) file: String,
+    /// Level, 0 is the root.
+    pub(super) level: u8,
+    /// The tree's sample layout.
+    pub(super) layout: SampleLayout,
+    /// Morton codes of the nodes with bricks, ascending.
+    pub(super) bricks: Vec<u64>,
+}
+
+/// Checks a level: the number of chunks that decode, and the faults.
+pub(super) fn check_level(level: &Level, bar: &ProgressBar) -> (u64, Vec<String>) {
+    let index = match level.index() {
+        Ok(index) => index,
+        Err(fault) => return (0, vec![fault]),
+    };
+    bar.inc(HEADER_BYTES as u64 + (index.header.directory().end - index.header.directory().start));
+    if let Err(fault) = level.check_masks(&index) {
+        return (0, vec![fault]);
+    }
+    let numbers: Vec<u32> = (0..index.header.chunks).collect();
+    let chunks: Vec<Result<Vec<Seam>, String>> = numbers
+        .par_iter()
+        .map(|chunk| level.chunk(&index, *chunk, bar))
+        .collect();
+    let (mut decoded, mut faults, mut all) = (0, Vec::new(), Vec::new());
+    for chunk in chunks {
+        match chunk {
+            Ok(seams) => {
+                decoded += 1;
+                all.extend(seams);
+            }
+            Err(fault) => faults.push(fault),
+        }
+    }
+    let (pairs, first) = disagreements(all);
+    if let Some((a, b)) = first {
+        faults.push(level.fault(format_args!(
+            "file: {pairs} pairs of neighbouring bricks in different chunks disagree about samples that they share, \
+             first {a} and {b}"
+        )));
+    }
+    (decoded, faults)
+}
+
+impl Level<'_> {
+    fn fault(&self, what: impl std::fmt::Display) -> String {
+        located(self.store, &self.file, what)
+    }
+
+    fn read(&self, offset: u64, len: u64) -> Result<Vec<u8>, String> {
+        let size = usize::try_from(len).map_err(|_| self.fault("file: a part is too long for this machine"))?;
+        self.store
+            .read(&self.file, offset, size)
+            .map_err(|e| self.fault(format_args!("byte {offset}: cannot be read: {e}")))
+    }
+
+    /// Header and directory, and that they belong to this level of this tree.
+    fn index(&self) -> Result<BrickIndex, String> {
+        let len = self
+            .store
+            .len(&self.file)
+            .map_err(|e| self.fault(format_args!("file: cannot be opened: {e}")))?;
+        let head = self.read(0, len.min(HEADER_BYTES as u64))?;
+        let header = decode_header(&head, len).map_err(|e| self.fault(e))?;
+        if header.level != self.level {
+            return Err(self.fault(format_args!(
+                "byte 12: it is of level {}, its name says {}",
+                header.level, self.level
+            )));
+        }
+        if header.layout != self.layout {
+            return Err(self.fault(format_args!(
+                "byte 13: its sample layout is {:?}, the tree's is {:?}",
+                header.layout, self.layout
+            )));
+        }
+        if header.bricks as usize != self.bricks.len() {
+            return Err(self.fault(format_args!(
+                "byte 24: it has {} bricks, the octree refers to {}",
+                header.bricks,
+                self.bricks.len()
+            )));
+        }
+        let directory = header.directory();
+        let bytes = self.read(directory.start, directory.end - directory.start)?;
+        header.decode_directory(&bytes).map_err(|e| self.fault(e))
+    }
+
+    /// That the directory lists exactly the bricks that nodes refer to.
+    fn check_masks(&self, index: &BrickIndex) -> Result<(), String> {
+        let mut expected = self.bricks.iter();
+        for (k, chunk) in index.chunks.iter().enumerate() {
+            for code in codes(chunk, index.header.chunk_log2) {
+                let wanted = expected.next();
+                if wanted != Some(&code) {
+                    return Err(self.fault(format_args!(
+                        "chunk {k}: it lists a brick for node {} of level {}, the octree's next brick node is {}",
+                        morton::decode(code),
+                        self.level,
+                        wanted.map_or("none".into(), |c| morton::decode(*c).to_string()),
+                    )));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn chunk(&self, index: &BrickIndex, chunk: u32, bar: &ProgressBar) -> Result<Vec<Seam>, String> {
+        let Some(entry) = index.chunks.get(chunk as usize) else {
+            return Err(self.fault(format_args!("file: there is no chunk {chunk}")));
+        };
+        let bytes = self.read(entry.offset, u64::from(entry.length))?;
+        bar.inc(u64::from(entry.length));
+        let decoded = index.decode_chunk(chunk, &bytes).map_err(|e| self.fault(e))?;
+        let corner = index.chunk_corner(entry);
+        Ok(seams(&decoded, corner, index.header.chunk_log2, &self.bricks))
+    }
+}
+
+/// Morton codes, in the level, of the bricks of a chunk.
+fn codes(chunk: &ChunkEntry, chunk_log2: u8) -> impl Iterator<Item = u64> {
+    let (mask, first) = (chunk.mask, chunk.morton << (3 * u32::from(chunk_log2)));
+    (0..64u64).filter(move |m| mask >> m & 1 == 1).map(move |m| first | m)
+}
