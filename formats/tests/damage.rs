@@ -191,6 +191,68 @@ fn forged_bytes_do_not_panic_or_allocate() {
 }
 
 #[test]
+fn payloads_that_leave_gaps_or_are_too_long_are_errors() {
+    let file = small_bricks(Encoding::Plain);
+    let directory = file.len() - 3 * 32;
+    // More bytes before the directory: unclaimed, or claimed by the last payload.
+    let widened = |more: usize, claim: bool| {
+        let mut wide = file.clone();
+        wide.splice(directory..directory, vec![0; more]);
+        let at = directory + more;
+        wide[32..40].copy_from_slice(&(at as u64).to_le_bytes());
+        let length = at + 2 * 32 + 24;
+        if claim {
+            let claimed =
+                u32::from_le_bytes(wide[length..length + 4].try_into().expect("four bytes")) + more as u32;
+            wide[length..length + 4].copy_from_slice(&claimed.to_le_bytes());
+        }
+        seal_bricks(&mut wide);
+        read_bricks(&wide).unwrap_err().message
+    };
+    assert!(widened(64, false).contains("the payloads end here"));
+    assert!(widened(64, true).contains("checksum of chunk 2"));
+    assert!(widened(bricks::MAX_PAYLOAD as usize, true).contains("directory entry is not plausible"));
+}
+
+#[test]
+fn trees_that_break_an_invariant_are_neither_written_nor_valid() {
+    let good = small_octree();
+    good.validate().unwrap();
+    let broken = |part: &str, breaking: &dyn Fn(&mut Octree)| {
+        let mut tree = good.clone();
+        breaking(&mut tree);
+        let e = octree_binary::encode(&tree).unwrap_err();
+        assert!(e.message.contains(part), "{part}: {e}");
+        assert_eq!(tree.validate(), Err(e.clone()));
+        assert_eq!(octree_xml::encode(&tree), Err(e));
+    };
+    broken("level 1, node 4: child tile out of order", &|t| {
+        t.levels[1][4].structure ^= 2
+    });
+    broken("level 0, node 0: brick index out of order", &|t| {
+        t.levels[0][0].data = 1
+    });
+    broken("level 1, node 1: a terminal node has a child tile", &|t| {
+        t.levels[1][1].structure |= 1
+    });
+    broken("level 2 has 8 nodes, 16 are referred to", &|t| {
+        t.levels[2].truncate(8)
+    });
+    broken("level 3 has 8 nodes, 0 are referred to", &|t| {
+        t.levels[3] = t.levels[2][..8].to_vec()
+    });
+    broken("a level is missing", &|t| t.levels.truncate(3));
+    broken("has children below the deepest level", &|t| {
+        t.header.depth = 1;
+        t.header.surface_bounds = Default::default();
+        t.levels.truncate(2);
+    });
+    broken("voxel size 0 is not usable", &|t| t.header.voxel_size = 0.0);
+    broken("origin", &|t| t.header.origin.x = f64::NAN);
+    broken("surface bounds", &|t| t.header.surface_bounds[1].x = 65);
+}
+
+#[test]
 fn every_cut_of_an_xml_file_is_an_error_inside_it() {
     let octree = octree_xml::encode(&small_octree()).unwrap();
     let scene = "<?xml version=\"1.0\"?>\n<OctTreeGroup Crs=\"é &amp;\">\n <!-- one -->\n <OctTreeGroup MinX='0' MinY='0' \
