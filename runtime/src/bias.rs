@@ -29,7 +29,10 @@ impl BiasController {
 
     /// Looks at a frame's demand and capacity, both in the same unit, for each resource; the scarcest decides.
     pub fn update(&mut self, frame: u32, camera: &Camera, demands: &[(f64, f64)]) {
-        let load = demands.iter().map(|(demand, capacity)| demand / capacity.max(1.0)).fold(0.0, f64::max);
+        let load = demands
+            .iter()
+            .map(|(demand, capacity)| demand / capacity.max(1.0))
+            .fold(0.0, f64::max);
         let rests = self.camera.replace(*camera) == Some(*camera);
         if frame.saturating_sub(self.changed) < SETTLE_FRAMES {
             return;
@@ -62,9 +65,16 @@ mod tests {
             bias.update(frame, &camera(0.0), &[(4000.0 / 4f64.powf(before), 1000.0)]);
             changes += u32::from(bias.extra() != before);
         }
-        assert!(changes < 10 && 4000.0 / 4f64.powf(bias.extra()) <= 900.0 + 1e-6, "{bias:?}");
+        assert!(
+            changes < 10 && 4000.0 / 4f64.powf(bias.extra()) <= 900.0 + 1e-6,
+            "{bias:?}"
+        );
         for frame in 400..800 {
-            bias.update(frame, &camera(f64::from(frame)), &[(100.0 / 4f64.powf(bias.extra()), 1000.0)]);
+            bias.update(
+                frame,
+                &camera(f64::from(frame)),
+                &[(100.0 / 4f64.powf(bias.extra()), 1000.0)],
+            );
         }
         assert_eq!(bias.extra(), 0.0);
     }

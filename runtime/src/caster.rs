@@ -91,9 +91,16 @@ impl Caster {
         let compact_pixels = gpu.compute_pipeline("compact pixels", COMPACT, "compact_pixels");
         let compact_usage = gpu.compute_pipeline("compact usage", COMPACT, "compact_usage");
         let usage_words = pools.sizes.bricks().div_ceil(32) + pools.sizes.tiles.div_ceil(32);
-        let uniform = gpu.buffer("frame", size_of::<layout::Frame>() as u64, B::UNIFORM | B::COPY_DST);
-        let trees =
-            gpu.buffer("trees", (MAX_TREES * size_of::<layout::Tree>()) as u64, B::STORAGE | B::COPY_DST);
+        let uniform = gpu.buffer(
+            "frame",
+            size_of::<layout::Frame>() as u64,
+            B::UNIFORM | B::COPY_DST,
+        );
+        let trees = gpu.buffer(
+            "trees",
+            (MAX_TREES * size_of::<layout::Tree>()) as u64,
+            B::STORAGE | B::COPY_DST,
+        );
         let read = B::STORAGE | B::COPY_SRC | B::COPY_DST;
         let counters = gpu.buffer("counters", COUNTER_WORDS as u64 * 4, read);
         let requests = gpu.buffer("requests", u64::from(REQUEST_CAPACITY) * 16, read);
@@ -114,7 +121,11 @@ impl Caster {
                 count: QUERIES,
             })
         });
-        let query_buffer = gpu.buffer("stage times", u64::from(QUERIES) * 8, B::QUERY_RESOLVE | B::COPY_SRC);
+        let query_buffer = gpu.buffer(
+            "stage times",
+            u64::from(QUERIES) * 8,
+            B::QUERY_RESOLVE | B::COPY_SRC,
+        );
         let size = counters.size() + requests.size() + used.size() + query_buffer.size();
         let ring = (0..RING)
             .map(|_| RingEntry {
@@ -153,7 +164,10 @@ impl Caster {
     pub fn bytes(&self) -> u64 {
         let fixed = self.trees.size() + self.requests.size() + self.used.size();
         let ring: u64 = self.ring.iter().map(|r| r.buffer.size()).sum();
-        let pixels = self.target.as_ref().map_or(0, |t| u64::from(t.width) * u64::from(t.height) * 32);
+        let pixels = self
+            .target
+            .as_ref()
+            .map_or(0, |t| u64::from(t.width) * u64::from(t.height) * 32);
         fixed + ring + pixels
     }
 
@@ -161,25 +175,50 @@ impl Caster {
     ///
     /// # Errors
     /// If the size is zero or beyond the device's limits.
-    pub fn resize(&mut self, gpu: &Gpu, pools: &PoolMemory, width: u32, height: u32) -> Result<(), RuntimeError> {
-        if self.target.as_ref().is_some_and(|t| (t.width, t.height) == (width, height)) {
+    pub fn resize(
+        &mut self,
+        gpu: &Gpu,
+        pools: &PoolMemory,
+        width: u32,
+        height: u32,
+    ) -> Result<(), RuntimeError> {
+        if self
+            .target
+            .as_ref()
+            .is_some_and(|t| (t.width, t.height) == (width, height))
+        {
             return Ok(());
         }
         let limits = gpu.device.limits();
-        let refuse = |reason: String| Err(RuntimeError::Size { width, height, reason });
+        let refuse = |reason: String| {
+            Err(RuntimeError::Size {
+                width,
+                height,
+                reason,
+            })
+        };
         if width == 0 || height == 0 {
             return refuse("it has no pixel".into());
         }
         if width.max(height) > limits.max_texture_dimension_2d {
-            return refuse(format!("this device draws up to {} per axis", limits.max_texture_dimension_2d));
+            return refuse(format!(
+                "this device draws up to {} per axis",
+                limits.max_texture_dimension_2d
+            ));
         }
         let feedback_bytes = u64::from(width) * u64::from(height) * 16;
         if feedback_bytes > limits.max_storage_buffer_binding_size as u64 {
-            return refuse(format!("its feedback needs {feedback_bytes} bytes in one binding"));
+            return refuse(format!(
+                "its feedback needs {feedback_bytes} bytes in one binding"
+            ));
         }
         let output = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("picture"),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            },
             mip_level_count: 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
@@ -200,7 +239,10 @@ impl Caster {
                 (6, pools.brick_stamps.as_entire_binding()),
                 (7, pools.tile_stamps.as_entire_binding()),
                 (8, feedback.as_entire_binding()),
-                (9, wgpu::BindingResource::TextureView(&output.create_view(&Default::default()))),
+                (
+                    9,
+                    wgpu::BindingResource::TextureView(&output.create_view(&Default::default())),
+                ),
             ],
         );
         let compact_pixels = gpu.bind(
@@ -213,17 +255,25 @@ impl Caster {
             ],
         );
         gpu.check()?;
-        self.target = Some(Target { width, height, output, cast, compact_pixels });
+        self.target = Some(Target {
+            width,
+            height,
+            output,
+            cast,
+            compact_pixels,
+        });
         Ok(())
     }
 
     /// Timestamps of stage k (0 upload, 1 cast, 2 compaction).
     pub fn timestamps(&self, stage: u32) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
-        self.queries.as_ref().map(|query_set| wgpu::ComputePassTimestampWrites {
-            query_set,
-            beginning_of_pass_write_index: Some(stage * 2),
-            end_of_pass_write_index: Some(stage * 2 + 1),
-        })
+        self.queries
+            .as_ref()
+            .map(|query_set| wgpu::ComputePassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: Some(stage * 2),
+                end_of_pass_write_index: Some(stage * 2 + 1),
+            })
     }
 
     /// Encodes the cast and the compaction, and the copy to a free ring entry; returns that entry.
@@ -235,8 +285,10 @@ impl Caster {
         trees: &[layout::Tree],
     ) -> Option<usize> {
         let target = self.target.as_ref()?;
-        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(frame));
-        gpu.queue.write_buffer(&self.trees, 0, bytemuck::cast_slice(trees));
+        gpu.queue
+            .write_buffer(&self.uniform, 0, bytemuck::bytes_of(frame));
+        gpu.queue
+            .write_buffer(&self.trees, 0, bytemuck::cast_slice(trees));
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("cast"),
@@ -246,7 +298,10 @@ impl Caster {
             pass.set_bind_group(0, &target.cast, &[]);
             pass.dispatch_workgroups(target.width.div_ceil(8), target.height.div_ceil(8), 1);
         }
-        let entry = self.ring.iter().position(|r| r.state.load(Ordering::Acquire) == 0)?;
+        let entry = self
+            .ring
+            .iter()
+            .position(|r| r.state.load(Ordering::Acquire) == 0)?;
         encoder.clear_buffer(&self.counters, 0, None);
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -279,9 +334,9 @@ impl Caster {
         let ring = &mut self.ring[entry];
         ring.state.store(1, Ordering::Release);
         let state = Arc::clone(&ring.state);
-        ring.buffer
-            .slice(..)
-            .map_async(wgpu::MapMode::Read, move |r| state.store(if r.is_ok() { 2 } else { 3 }, Ordering::Release));
+        ring.buffer.slice(..).map_async(wgpu::MapMode::Read, move |r| {
+            state.store(if r.is_ok() { 2 } else { 3 }, Ordering::Release)
+        });
     }
 
     /// Takes what has arrived, oldest first, without waiting.
@@ -337,24 +392,36 @@ impl Caster {
         gpu.queue.submit([encoder.finish()]);
         buffer.slice(..).map_async(wgpu::MapMode::Read, |_| {});
         gpu.wait()?;
-        let view = buffer.slice(..).get_mapped_range().map_err(|e| RuntimeError::Device(e.to_string()))?;
+        let view = buffer
+            .slice(..)
+            .get_mapped_range()
+            .map_err(|e| RuntimeError::Device(e.to_string()))?;
         let pixels = view
             .chunks_exact(row as usize)
             .flat_map(|line| line[..target.width as usize * 16].chunks_exact(16))
             .map(bytemuck::pod_read_unaligned)
             .collect();
-        Ok(Picture { width: target.width, height: target.height, pixels })
+        Ok(Picture {
+            width: target.width,
+            height: target.height,
+            pixels,
+        })
     }
 }
 
 fn parse(frame: u32, bytes: &[u8], sizes: [u64; 3], period: Option<f32>, pools: &PoolMemory) -> Feedback {
     let words = |range: std::ops::Range<usize>| -> Vec<u32> {
-        bytes[range].chunks_exact(4).map(bytemuck::pod_read_unaligned).collect()
+        bytes[range]
+            .chunks_exact(4)
+            .map(bytemuck::pod_read_unaligned)
+            .collect()
     };
     let [counters, queries, used] = sizes.map(|s| s as usize);
     let c = words(0..counters);
-    let ticks: Vec<u64> =
-        bytes[counters..counters + queries].chunks_exact(8).map(bytemuck::pod_read_unaligned).collect();
+    let ticks: Vec<u64> = bytes[counters..counters + queries]
+        .chunks_exact(8)
+        .map(bytemuck::pod_read_unaligned)
+        .collect();
     let used_words = words(counters + queries..counters + queries + used);
     let brick_words = pools.sizes.bricks().div_ceil(32) as usize;
     let tile_words = pools.sizes.tiles.div_ceil(32) as usize;
@@ -365,7 +432,9 @@ fn parse(frame: u32, bytes: &[u8], sizes: [u64; 3], period: Option<f32>, pools: 
         .filter_map(|b| Request::unpack(bytemuck::pod_read_unaligned(&b[..12])))
         .collect();
     let stage = |k: usize| {
-        period.map_or(0.0, |p| ticks[k * 2 + 1].saturating_sub(ticks[k * 2]) as f64 * f64::from(p) * 1e-6)
+        period.map_or(0.0, |p| {
+            ticks[k * 2 + 1].saturating_sub(ticks[k * 2]) as f64 * f64::from(p) * 1e-6
+        })
     };
     Feedback {
         frame,

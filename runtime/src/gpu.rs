@@ -55,12 +55,18 @@ impl Gpu {
                 trace: wgpu::Trace::Off,
             })
             .await
-            .map_err(|e| RuntimeError::NoDevice { adapter: info.name.clone(), reason: e.to_string() })?;
+            .map_err(|e| RuntimeError::NoDevice {
+                adapter: info.name.clone(),
+                reason: e.to_string(),
+            })?;
         let fault = Arc::new(Mutex::new(None));
         let remember = |fault: &Arc<Mutex<Option<String>>>| {
             let fault = Arc::clone(fault);
             move |message: String| {
-                fault.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(message);
+                fault
+                    .lock()
+                    .unwrap_or_else(PoisonError::into_inner)
+                    .get_or_insert(message);
             }
         };
         let (on_error, on_lost) = (remember(&fault), remember(&fault));
@@ -70,9 +76,16 @@ impl Gpu {
                 on_lost(format!("lost: {message}"));
             }
         });
-        let timestamp_period =
-            features.contains(wgpu::Features::TIMESTAMP_QUERY).then(|| queue.get_timestamp_period());
-        Ok(Arc::new(Self { device, queue, info, timestamp_period, fault }))
+        let timestamp_period = features
+            .contains(wgpu::Features::TIMESTAMP_QUERY)
+            .then(|| queue.get_timestamp_period());
+        Ok(Arc::new(Self {
+            device,
+            queue,
+            info,
+            timestamp_period,
+            fault,
+        }))
     }
 
     /// The first error the device reported, if any.
@@ -99,7 +112,10 @@ impl Gpu {
 
     /// Name and kind of the adapter, for reports.
     pub fn describe(&self) -> String {
-        format!("{} ({:?}, {})", self.info.name, self.info.backend, self.info.driver_info)
+        format!(
+            "{} ({:?}, {})",
+            self.info.name, self.info.backend, self.info.driver_info
+        )
     }
 
     pub(crate) fn compute_pipeline(&self, label: &str, source: &str, entry: &str) -> wgpu::ComputePipeline {
@@ -107,14 +123,15 @@ impl Gpu {
             label: Some(label),
             source: wgpu::ShaderSource::Wgsl(source.into()),
         });
-        self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some(label),
-            layout: None,
-            module: &module,
-            entry_point: Some(entry),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            cache: None,
-        })
+        self.device
+            .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(label),
+                layout: None,
+                module: &module,
+                entry_point: Some(entry),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                cache: None,
+            })
     }
 
     pub(crate) fn bind(
@@ -124,7 +141,10 @@ impl Gpu {
     ) -> wgpu::BindGroup {
         let entries: Vec<_> = resources
             .iter()
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding: *binding, resource: resource.clone() })
+            .map(|(binding, resource)| wgpu::BindGroupEntry {
+                binding: *binding,
+                resource: resource.clone(),
+            })
             .collect();
         self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,

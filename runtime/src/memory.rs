@@ -33,7 +33,11 @@ impl PoolSizes {
     ///
     /// # Errors
     /// If not even a few bricks fit.
-    pub fn fit(budget: u64, sample_layout: SampleLayout, limits: &wgpu::Limits) -> Result<Self, RuntimeError> {
+    pub fn fit(
+        budget: u64,
+        sample_layout: SampleLayout,
+        limits: &wgpu::Limits,
+    ) -> Result<Self, RuntimeError> {
         let side = sample_layout.side();
         // A brick slot with its stamp, and two node tiles with theirs.
         let per_brick = sample_layout.samples() as u64 * 8 + 4 + 2 * (64 + 4);
@@ -43,16 +47,27 @@ impl PoolSizes {
         let binding = limits.max_storage_buffer_binding_size as u64;
         let mut slots = [(wanted as f64).cbrt().floor().max(1.0) as u32; 3];
         for axis in 0..3 {
-            let others: u64 =
-                slots.iter().enumerate().filter(|(a, _)| *a != axis).map(|(_, s)| u64::from(*s)).product();
+            let others: u64 = slots
+                .iter()
+                .enumerate()
+                .filter(|(a, _)| *a != axis)
+                .map(|(_, s)| u64::from(*s))
+                .product();
             slots[axis] = ((wanted / others.max(1)) as u32).clamp(1, most_per_axis);
         }
         let bricks: u64 = slots.iter().map(|s| u64::from(*s)).product();
         if wanted < 8 || bricks < 8 {
-            return Err(RuntimeError::Budget { budget, reason: format!("it holds {wanted} bricks") });
+            return Err(RuntimeError::Budget {
+                budget,
+                reason: format!("it holds {wanted} bricks"),
+            });
         }
         let tiles = (bricks * 2 + 64).min(binding / 64).min(1 << 27) as u32;
-        Ok(Self { brick_side: side, slots, tiles })
+        Ok(Self {
+            brick_side: side,
+            slots,
+            tiles,
+        })
     }
 
     /// Brick slots.
@@ -112,13 +127,21 @@ impl PoolMemory {
         let texture = |label, format, sampled: F| {
             let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
                 label: Some(label),
-                size: wgpu::Extent3d { width: x, height: y, depth_or_array_layers: z },
+                size: wgpu::Extent3d {
+                    width: x,
+                    height: y,
+                    depth_or_array_layers: z,
+                },
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D3,
                 format,
                 usage: T::TEXTURE_BINDING | T::STORAGE_BINDING,
-                view_formats: if sampled == format { &[] } else { &[F::Rgba8UnormSrgb] },
+                view_formats: if sampled == format {
+                    &[]
+                } else {
+                    &[F::Rgba8UnormSrgb]
+                },
             });
             let view = |format, usage| {
                 texture.create_view(&wgpu::TextureViewDescriptor {
@@ -127,7 +150,10 @@ impl PoolMemory {
                     ..Default::default()
                 })
             };
-            (view(sampled, T::TEXTURE_BINDING), view(format, T::STORAGE_BINDING))
+            (
+                view(sampled, T::TEXTURE_BINDING),
+                view(format, T::STORAGE_BINDING),
+            )
         };
         let (color, color_store) = texture("brick colours", F::Rgba8Unorm, F::Rgba8UnormSrgb);
         let (normal, normal_store) = texture("brick normals", F::Rgba8Snorm, F::Rgba8Snorm);
@@ -135,11 +161,26 @@ impl PoolMemory {
         let brick_stamps = gpu.buffer("brick stamps", u64::from(sizes.bricks()) * 4, B::STORAGE);
         let tile_stamps = gpu.buffer("tile stamps", u64::from(sizes.tiles) * 4, B::STORAGE);
         let brick_bytes = u64::from(sizes.brick_side).pow(3) * 8;
-        let uniform = gpu.buffer("scatter", size_of::<layout::Scatter>() as u64, B::UNIFORM | B::COPY_DST);
-        let node_updates = gpu.buffer("node updates", MAX_UPLOAD_NODES as u64 * 16, B::STORAGE | B::COPY_DST);
-        let brick_slots = gpu.buffer("brick slots", MAX_UPLOAD_BRICKS as u64 * 4, B::STORAGE | B::COPY_DST);
-        let brick_data =
-            gpu.buffer("brick data", MAX_UPLOAD_BRICKS as u64 * brick_bytes, B::STORAGE | B::COPY_DST);
+        let uniform = gpu.buffer(
+            "scatter",
+            size_of::<layout::Scatter>() as u64,
+            B::UNIFORM | B::COPY_DST,
+        );
+        let node_updates = gpu.buffer(
+            "node updates",
+            MAX_UPLOAD_NODES as u64 * 16,
+            B::STORAGE | B::COPY_DST,
+        );
+        let brick_slots = gpu.buffer(
+            "brick slots",
+            MAX_UPLOAD_BRICKS as u64 * 4,
+            B::STORAGE | B::COPY_DST,
+        );
+        let brick_data = gpu.buffer(
+            "brick data",
+            MAX_UPLOAD_BRICKS as u64 * brick_bytes,
+            B::STORAGE | B::COPY_DST,
+        );
         let scatter_nodes = gpu.compute_pipeline("scatter nodes", SCATTER, "scatter_nodes");
         let scatter_bricks = gpu.compute_pipeline("scatter bricks", SCATTER, "scatter_bricks");
         let node_bindings = gpu.bind(
@@ -161,7 +202,10 @@ impl PoolMemory {
             ],
         );
         if let Some(error) = pollster::block_on(scope.pop()) {
-            return Err(RuntimeError::Budget { budget: sizes.bytes(), reason: error.to_string() });
+            return Err(RuntimeError::Budget {
+                budget: sizes.bytes(),
+                reason: error.to_string(),
+            });
         }
         gpu.check()?;
         Ok(Self {
@@ -215,7 +259,11 @@ impl PoolMemory {
         for (k, upload) in bricks.iter().enumerate() {
             let at = (k * samples * 8) as u64;
             let brick = upload.brick as usize;
-            queue.write_buffer(&self.brick_data, at, upload.chunk.brick_color(brick).as_flattened());
+            queue.write_buffer(
+                &self.brick_data,
+                at,
+                upload.chunk.brick_color(brick).as_flattened(),
+            );
             queue.write_buffer(
                 &self.brick_data,
                 at + samples as u64 * 4,

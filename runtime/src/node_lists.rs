@@ -86,7 +86,9 @@ pub struct NodeListProcessors {
 
 impl std::fmt::Debug for NodeListProcessors {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("NodeListProcessors").field("threads", &self.threads.len()).finish()
+        f.debug_struct("NodeListProcessors")
+            .field("threads", &self.threads.len())
+            .finish()
     }
 }
 
@@ -100,7 +102,9 @@ impl NodeListProcessors {
         let threads = (0..threads.max(1))
             .map(|k| {
                 let shared = Arc::clone(&shared);
-                std::thread::Builder::new().name(format!("node lists {k}")).spawn(move || work(&shared))
+                std::thread::Builder::new()
+                    .name(format!("node lists {k}"))
+                    .spawn(move || work(&shared))
             })
             .collect::<Result<_, _>>()?;
         Ok(Self { shared, threads })
@@ -112,7 +116,11 @@ impl NodeListProcessors {
         if state.jobs.len() == QUEUE {
             state.jobs.pop_front();
         }
-        state.jobs.push_back(Job { frame, requests, trees });
+        state.jobs.push_back(Job {
+            frame,
+            requests,
+            trees,
+        });
         drop(state);
         self.shared.changed.notify_one();
     }
@@ -126,7 +134,11 @@ impl NodeListProcessors {
     pub fn wait_idle(&self) {
         let mut state = self.shared.lock();
         while !(state.jobs.is_empty() && state.working == 0) {
-            state = self.shared.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            state = self
+                .shared
+                .changed
+                .wait(state)
+                .unwrap_or_else(PoisonError::into_inner);
         }
     }
 }
@@ -166,20 +178,35 @@ fn resolve(frame: u32, requests: &[Request], trees: &[ActiveTree]) -> NodeList {
     let mut nodes = HashMap::new();
     let mut pages = HashMap::new();
     for request in requests {
-        let Some(active) = trees.get(request.tree as usize) else { continue };
+        let Some(active) = trees.get(request.tree as usize) else {
+            continue;
+        };
         let found = active.state.find(request.level, UVec3::from_array(request.node));
         let mut parent = 0;
         for (level, node) in found.path() {
-            nodes.entry((level, active.tree, node)).or_insert((parent, request.tree));
+            nodes
+                .entry((level, active.tree, node))
+                .or_insert((parent, request.tree));
             parent = node;
         }
         if let (Stop::NotResident, Some((level, _))) = (found.stop, found.deepest()) {
-            pages.entry(PageKey::Level { tree: active.tree, level: level + 1 }).or_insert(request.tree);
+            pages
+                .entry(PageKey::Level {
+                    tree: active.tree,
+                    level: level + 1,
+                })
+                .or_insert(request.tree);
         }
     }
     let mut nodes: Vec<_> = nodes
         .into_iter()
-        .map(|((level, tree, node), (parent, order))| WantedNode { tree, level, node, parent, order })
+        .map(|((level, tree, node), (parent, order))| WantedNode {
+            tree,
+            level,
+            node,
+            parent,
+            order,
+        })
         .collect();
     nodes.sort_unstable_by_key(|n| (n.level, n.order, n.node));
     let mut pages: Vec<_> = pages.into_iter().collect();

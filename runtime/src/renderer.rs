@@ -45,7 +45,11 @@ pub struct RendererConfig {
 
 impl Default for RendererConfig {
     fn default() -> Self {
-        Self { ram_budget: 1 << 30, gpu_budget: 512 << 20, loader_threads: 2 }
+        Self {
+            ram_budget: 1 << 30,
+            gpu_budget: 512 << 20,
+            loader_threads: 2,
+        }
     }
 }
 
@@ -84,6 +88,8 @@ pub struct FrameReport {
     pub submit_ms: f64,
     /// The whole call.
     pub cpu_ms: f64,
+    /// From the begin of the call to the device's end; known when settling, where it is waited for.
+    pub frame_ms: f64,
 }
 
 /// Draws a terrain.
@@ -140,7 +146,11 @@ impl Renderer {
         let pager = Pager::new(
             store,
             terrain.trees.clone(),
-            PagerConfig { budget_bytes: config.ram_budget, threads: config.loader_threads, ..Default::default() },
+            PagerConfig {
+                budget_bytes: config.ram_budget,
+                threads: config.loader_threads,
+                ..Default::default()
+            },
         );
         let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
         let processors = NodeListProcessors::new(cores.saturating_sub(2))
@@ -213,8 +223,10 @@ impl Renderer {
                 self.resolve_again();
                 prepared = self.prepare(camera, settings, MAX_UPLOAD_BRICKS)?;
             }
+            let start = prepared.start;
             let mut report = self.draw(camera, settings, prepared)?;
             self.gpu.wait()?;
+            report.frame_ms = ms(start);
             self.absorb();
             self.processors.wait_idle();
             // The next frame's list is made of this frame's requests: that it is calm, too, says that they were none, or
@@ -230,14 +242,21 @@ impl Renderer {
                 return Ok((report, frames));
             }
         }
-        Err(RuntimeError::NotSettled { frames: SETTLE_LIMIT, pending: self.outcome.pending })
+        Err(RuntimeError::NotSettled {
+            frames: SETTLE_LIMIT,
+            pending: self.outcome.pending,
+        })
     }
 
     /// Takes the read-backs that arrived: usage, counters, requests.
     fn absorb(&mut self) {
         for feedback in self.caster.collect(&self.gpu, &self.memory) {
             self.pool.touch(&feedback);
-            if let Some(k) = self.in_flight.iter().position(|(frame, _)| *frame == feedback.frame) {
+            if let Some(k) = self
+                .in_flight
+                .iter()
+                .position(|(frame, _)| *frame == feedback.frame)
+            {
                 self.feedback_trees = self.in_flight.swap_remove(k).1;
             }
             self.in_flight.retain(|(frame, _)| *frame > feedback.frame);
@@ -248,10 +267,14 @@ impl Renderer {
 
     fn submit_requests(&mut self) {
         if self.feedback.requests.is_empty() {
-            self.list = NodeList { frame: self.feedback.frame, ..Default::default() };
+            self.list = NodeList {
+                frame: self.feedback.frame,
+                ..Default::default()
+            };
         } else {
             let trees = Arc::clone(&self.feedback_trees);
-            self.processors.submit(self.feedback.frame, self.feedback.requests.clone(), trees);
+            self.processors
+                .submit(self.feedback.frame, self.feedback.requests.clone(), trees);
         }
     }
 
@@ -262,7 +285,10 @@ impl Renderer {
             .iter()
             .map(|active| {
                 let state = self.pager.tree(active.tree).unwrap_or(&active.state);
-                ActiveTree { tree: active.tree, state: Arc::clone(state) }
+                ActiveTree {
+                    tree: active.tree,
+                    state: Arc::clone(state),
+                }
             })
             .collect();
         self.submit_requests();
@@ -278,10 +304,14 @@ impl Renderer {
     ) -> Result<Prepared, RuntimeError> {
         let start = Instant::now();
         self.gpu.check()?;
-        self.caster.resize(&self.gpu, &self.memory, camera.width, camera.height)?;
+        self.caster
+            .resize(&self.gpu, &self.memory, camera.width, camera.height)?;
         self.frame += 1;
         let frame = self.frame;
-        let mut report = FrameReport { frame, ..Default::default() };
+        let mut report = FrameReport {
+            frame,
+            ..Default::default()
+        };
 
         self.absorb();
         if let Some(list) = self.processors.take()
@@ -308,7 +338,8 @@ impl Renderer {
             self.tree_used[tree.0 as usize] = u64::from(frame);
             let Some(state) = self.pager.tree(tree).cloned() else {
                 report.trees_waiting += usize::from(!self.pager.is_failed(key));
-                self.pager.request(key, visible.distance / (visible.distance + 1000.0) - 1.0);
+                self.pager
+                    .request(key, visible.distance / (visible.distance + 1000.0) - 1.0);
                 continue;
             };
             self.pager.touch(key);
@@ -339,7 +370,12 @@ impl Renderer {
         self.outcome = self.pool.apply(&self.list, &mut self.pager, frame, brick_limit);
         report.pending = self.outcome.pending;
         self.pager.submit();
-        self.faults.extend(self.pager.drain_faults().into_iter().map(|fault: PageFault| fault.message));
+        self.faults.extend(
+            self.pager
+                .drain_faults()
+                .into_iter()
+                .map(|fault: PageFault| fault.message),
+        );
 
         let used: u32 = self.feedback.used_bricks.iter().map(|w| w.count_ones()).sum();
         let slots = f64::from(self.memory.sizes.bricks());
@@ -355,7 +391,8 @@ impl Renderer {
         if !(batch.nodes.is_empty() && batch.bricks.is_empty()) {
             let times = self.caster.timestamps(0);
             report.bytes_uploaded =
-                self.memory.upload(&self.gpu, &mut encoder, &batch.nodes, &batch.bricks, times);
+                self.memory
+                    .upload(&self.gpu, &mut encoder, &batch.nodes, &batch.bricks, times);
         }
         report.bricks_resident = self.pool.bricks_resident();
         report.upload_ms = ms(upload);
@@ -363,7 +400,13 @@ impl Renderer {
             let measured = (report.upload_ms + self.feedback.gpu_ms[0]) / report.uploads as f64;
             self.ms_per_brick += 0.2 * (measured.max(1e-4) - self.ms_per_brick);
         }
-        Ok(Prepared { report, encoder, records, active, start })
+        Ok(Prepared {
+            report,
+            encoder,
+            records,
+            active,
+            start,
+        })
     }
 
     /// Casts and submits.
@@ -373,7 +416,13 @@ impl Renderer {
         settings: &RenderSettings,
         prepared: Prepared,
     ) -> Result<FrameReport, RuntimeError> {
-        let Prepared { mut report, mut encoder, records, active, start } = prepared;
+        let Prepared {
+            mut report,
+            mut encoder,
+            records,
+            active,
+            start,
+        } = prepared;
         let submit = Instant::now();
         let uniform = self.frame_uniform(camera, settings, records.len() as u32, report.bias);
         let entry = self.caster.encode(&self.gpu, &mut encoder, &uniform, &records);
@@ -395,7 +444,7 @@ impl Renderer {
         bias: f64,
     ) -> layout::Frame {
         let sizes = self.memory.sizes;
-        let (origin, next) = (camera.screen(0.5, 0.5), camera.screen(1.5, 1.5));
+        let (origin, next) = (camera.screen(0.0, 0.0), camera.screen(1.0, 1.0));
         let axis = |v: glam::DVec3, w: f64| v.extend(w).as_vec4().to_array();
         let texels = sizes.slots.map(|s| 1.0 / (s * sizes.brick_side) as f32);
         layout::Frame {
@@ -474,7 +523,9 @@ fn tree_record(camera: &Camera, header: &TreeHeader, root: u32) -> layout::Tree 
     let inv_voxel = 1.0 / header.voxel_size;
     let scale = depth0 * inv_voxel;
     layout::Tree {
-        base: ((camera.eye + camera.forward * depth0 - header.origin) * inv_voxel).as_vec3().to_array(),
+        base: ((camera.eye + camera.forward * depth0 - header.origin) * inv_voxel)
+            .as_vec3()
+            .to_array(),
         depth0: depth0 as f32,
         base_x: (camera.right * scale).as_vec3().to_array(),
         inv_voxel: inv_voxel as f32,

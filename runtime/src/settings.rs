@@ -19,7 +19,13 @@ pub struct RenderSettings {
 
 impl Default for RenderSettings {
     fn default() -> Self {
-        Self { bias: -0.5, mix_levels: true, sun: sun_direction(135.0, 45.0), ambient: 0.3, diffuse: 0.7 }
+        Self {
+            bias: -0.5,
+            mix_levels: true,
+            sun: sun_direction(135.0, 45.0),
+            ambient: 0.3,
+            diffuse: 0.7,
+        }
     }
 }
 

@@ -61,15 +61,25 @@ pub struct Terrain {
 /// # Errors
 /// If the file cannot be read or is not an octree file.
 pub fn read_header(store: &dyn Store, name: &str) -> Result<TreeHeader, TerrainError> {
-    let read = |source| TerrainError::Read { path: store.describe(name), source };
-    let format = |source| TerrainError::Format { path: store.describe(name), source };
+    let read = |source| TerrainError::Read {
+        path: store.describe(name),
+        source,
+    };
+    let format = |source| TerrainError::Format {
+        path: store.describe(name),
+        source,
+    };
     let len = store.len(name).map_err(read)?;
-    let prefix = store.read(name, 0, len.min(octree_binary::prefix_len() as u64) as usize).map_err(read)?;
+    let prefix = store
+        .read(name, 0, len.min(octree_binary::prefix_len() as u64) as usize)
+        .map_err(read)?;
     if octree_binary::is_binary(&prefix) {
         return Ok(octree_binary::decode_header(&prefix, len).map_err(format)?.header);
     }
     let bytes = store.read(name, 0, len as usize).map_err(read)?;
-    Ok(brickfell_formats::octree::decode_any(&bytes).map_err(format)?.header)
+    Ok(brickfell_formats::octree::decode_any(&bytes)
+        .map_err(format)?
+        .header)
 }
 
 impl Terrain {
@@ -79,23 +89,41 @@ impl Terrain {
     /// If the scene file itself cannot be used. Single trees that cannot be placed are [`Terrain::faults`].
     pub fn open(store: &Arc<dyn Store>) -> Result<Self, TerrainError> {
         let path = store.describe(SCENE_FILE);
-        let read = |source| TerrainError::Read { path: path.clone(), source };
+        let read = |source| TerrainError::Read {
+            path: path.clone(),
+            source,
+        };
         let len = store.len(SCENE_FILE).map_err(read)?;
         let bytes = store.read(SCENE_FILE, 0, len as usize).map_err(read)?;
-        let scene =
-            Scene::parse(&bytes).map_err(|source| TerrainError::Format { path: path.clone(), source })?;
+        let scene = Scene::parse(&bytes).map_err(|source| TerrainError::Format {
+            path: path.clone(),
+            source,
+        })?;
         let trees: Vec<String> = scene.trees().map(|t| t.tree_file.clone()).collect();
         let layout = trees
             .iter()
             .find_map(|name| read_header(store.as_ref(), name).ok())
             .map_or(SampleLayout::Centre, |h| h.layout);
-        let mut opening =
-            Opening { store: store.as_ref(), builder: SceneGraph::builder(), next: 0, faults: Vec::new() };
+        let mut opening = Opening {
+            store: store.as_ref(),
+            builder: SceneGraph::builder(),
+            next: 0,
+            faults: Vec::new(),
+        };
         opening
             .add_group(None, &scene.root)
-            .map_err(|message| TerrainError::Bounds { path: path.clone(), message })?;
+            .map_err(|message| TerrainError::Bounds {
+                path: path.clone(),
+                message,
+            })?;
         let (graph, faults) = (opening.builder.finish(), opening.faults);
-        Ok(Self { scene, trees, graph, layout, faults })
+        Ok(Self {
+            scene,
+            trees,
+            graph,
+            layout,
+            faults,
+        })
     }
 }
 
@@ -114,22 +142,33 @@ impl Opening<'_> {
             let tree_id = TreeId(self.next);
             self.next += 1;
             let placed = if group.compressed {
-                Err(format!("{}: Compressed=\"YES\" is not supported by this version", tree.tree_file))
+                Err(format!(
+                    "{}: Compressed=\"YES\" is not supported by this version",
+                    tree.tree_file
+                ))
             } else {
                 self.bounds(tree)
             };
             match placed {
-                Ok(bounds) => self.builder.add_tree(Some(id), tree_id, bounds).map_err(|e| e.to_string())?,
+                Ok(bounds) => self
+                    .builder
+                    .add_tree(Some(id), tree_id, bounds)
+                    .map_err(|e| e.to_string())?,
                 Err(fault) => self.faults.push(fault),
             }
         }
-        group.groups.iter().try_for_each(|inner| self.add_group(Some(id), inner))
+        group
+            .groups
+            .iter()
+            .try_for_each(|inner| self.add_group(Some(id), inner))
     }
 
     fn bounds(&self, tree: &PagedOctTree) -> Result<Aabb, String> {
         let [min, max] = match tree.bounds {
             Some(b) => [b.min, b.max],
-            None => read_header(self.store, &tree.tree_file).map_err(|e| e.to_string())?.bounds(),
+            None => read_header(self.store, &tree.tree_file)
+                .map_err(|e| e.to_string())?
+                .bounds(),
         };
         Aabb::new(min, max).map_err(|e| format!("{}: {e}", tree.tree_file))
     }

@@ -106,7 +106,13 @@ impl TexturePoolManager {
             tiles: vec![EMPTY_TILE; sizes.tiles as usize],
             free_tiles: (1..sizes.tiles).rev().collect(),
             tile_of: HashMap::new(),
-            slots: vec![Slot { node: NONE, last_used: 0 }; sizes.bricks() as usize],
+            slots: vec![
+                Slot {
+                    node: NONE,
+                    last_used: 0
+                };
+                sizes.bricks() as usize
+            ],
             free_slots: (0..sizes.bricks()).rev().collect(),
             victims: Vec::new(),
             victims_frame: 0,
@@ -197,21 +203,32 @@ impl TexturePoolManager {
     pub fn apply(&mut self, list: &NodeList, pager: &mut Pager, frame: u32, brick_limit: usize) -> Outcome {
         let mut outcome = Outcome::default();
         for &(key, order) in &list.pages {
-            if pager.tree(key.tree()).is_some_and(|t| t.level(key.level()).is_none()) && !pager.is_failed(key) {
+            if pager
+                .tree(key.tree())
+                .is_some_and(|t| t.level(key.level()).is_none())
+                && !pager.is_failed(key)
+            {
                 pager.request(key, priority(key.level(), order));
                 outcome.pending += 1;
             }
         }
         for want in &list.nodes {
-            let Some(state) = pager.tree(want.tree).cloned() else { continue };
-            let Some(page) = state.level(want.level) else { continue };
-            let Some(node) = page.nodes.get(want.node as usize) else { continue };
+            let Some(state) = pager.tree(want.tree).cloned() else {
+                continue;
+            };
+            let Some(page) = state.level(want.level) else {
+                continue;
+            };
+            let Some(node) = page.nodes.get(want.node as usize) else {
+                continue;
+            };
             let tile_index = if want.level == 0 { 0 } else { want.node / 8 };
             let tile = match self.tile_of.get(&(want.tree, want.level, tile_index)) {
                 Some(tile) => *tile,
                 None => {
                     let parent = self.pool_node(want.tree, want.level.wrapping_sub(1), want.parent);
-                    let added = parent.and_then(|p| self.add_tile(want.tree, want.level, tile_index, p, &state, frame));
+                    let added = parent
+                        .and_then(|p| self.add_tile(want.tree, want.level, tile_index, p, &state, frame));
                     let Some(tile) = added else {
                         outcome.pending += 1;
                         outcome.no_room += usize::from(parent.is_some());
@@ -223,13 +240,21 @@ impl TexturePoolManager {
             self.tiles[tile as usize].last_used = frame;
             let pool_node = tile * 8 + if want.level == 0 { 0 } else { want.node % 8 };
             let slot = self.peek(pool_node)[1];
-            let NodeData::Brick(brick) = node.data() else { continue };
+            let NodeData::Brick(brick) = node.data() else {
+                continue;
+            };
             if slot != 0 {
                 self.slots[slot as usize - 1].last_used = frame;
                 continue;
             }
-            let Some((chunk, local)) = page.bricks.as_ref().and_then(|b| b.locate(brick)) else { continue };
-            let key = PageKey::Chunk { tree: want.tree, level: want.level, chunk };
+            let Some((chunk, local)) = page.bricks.as_ref().and_then(|b| b.locate(brick)) else {
+                continue;
+            };
+            let key = PageKey::Chunk {
+                tree: want.tree,
+                level: want.level,
+                chunk,
+            };
             match pager.chunk(want.tree, want.level, chunk).cloned() {
                 Some(samples) => {
                     pager.touch(key);
@@ -277,7 +302,9 @@ impl TexturePoolManager {
     ) -> Option<u32> {
         let nodes = &state.level(level)?.nodes;
         let first = index as usize * 8;
-        let members = nodes.get(first..(first + 8).min(nodes.len())).filter(|m| !m.is_empty())?;
+        let members = nodes
+            .get(first..(first + 8).min(nodes.len()))
+            .filter(|m| !m.is_empty())?;
         if !self.can_send() {
             return None;
         }
@@ -293,7 +320,15 @@ impl TexturePoolManager {
                 NodeData::Brick(_) => [terminal | BRICK, 0],
             };
         }
-        self.tiles[tile as usize] = Tile { tree, level, index, parent, last_used: frame, words, resident: true };
+        self.tiles[tile as usize] = Tile {
+            tree,
+            level,
+            index,
+            parent,
+            last_used: frame,
+            words,
+            resident: true,
+        };
         for octant in 0..8 {
             self.word(tile * 8 + octant);
         }
@@ -304,7 +339,13 @@ impl TexturePoolManager {
         Some(tile)
     }
 
-    fn add_brick(&mut self, node: u32, chunk: Arc<brickfell_formats::chunk::Chunk>, brick: u32, frame: u32) -> Option<()> {
+    fn add_brick(
+        &mut self,
+        node: u32,
+        chunk: Arc<brickfell_formats::chunk::Chunk>,
+        brick: u32,
+        frame: u32,
+    ) -> Option<()> {
         if !self.can_send() || chunk.layout.side() != self.sizes.brick_side {
             return None;
         }
@@ -312,7 +353,10 @@ impl TexturePoolManager {
             Some(slot) => slot,
             None => self.evict_some_brick(frame)?,
         };
-        self.slots[slot as usize] = Slot { node, last_used: frame };
+        self.slots[slot as usize] = Slot {
+            node,
+            last_used: frame,
+        };
         self.word(node)[1] = slot + 1;
         self.bricks.push(BrickUpload { slot, chunk, brick });
         Some(())
@@ -330,7 +374,10 @@ impl TexturePoolManager {
             // Next victim last: oldest, and among those the deepest.
             self.victims.sort_unstable_by_key(|s| {
                 let slot = &slots[*s as usize];
-                (std::cmp::Reverse(slot.last_used), tiles[(slot.node >> 3) as usize].level)
+                (
+                    std::cmp::Reverse(slot.last_used),
+                    tiles[(slot.node >> 3) as usize].level,
+                )
             });
         }
         while let Some(slot) = self.victims.pop() {
@@ -349,9 +396,14 @@ impl TexturePoolManager {
             self.tile_victims_frame = frame;
             let tiles = &self.tiles;
             self.tile_victims.clear();
-            self.tile_victims.extend((1..tiles.len() as u32).filter(|t| tiles[*t as usize].is_old(frame)));
             self.tile_victims
-                .sort_unstable_by_key(|t| (std::cmp::Reverse(tiles[*t as usize].last_used), tiles[*t as usize].level));
+                .extend((1..tiles.len() as u32).filter(|t| tiles[*t as usize].is_old(frame)));
+            self.tile_victims.sort_unstable_by_key(|t| {
+                (
+                    std::cmp::Reverse(tiles[*t as usize].last_used),
+                    tiles[*t as usize].level,
+                )
+            });
         }
         while let Some(tile) = self.tile_victims.pop() {
             if self.tiles[tile as usize].is_old(frame) {
@@ -385,7 +437,10 @@ impl TexturePoolManager {
 
     /// Takes what must be sent before the next cast.
     pub fn take_uploads(&mut self) -> UploadBatch {
-        let mut batch = UploadBatch { nodes: Vec::new(), bricks: std::mem::take(&mut self.bricks) };
+        let mut batch = UploadBatch {
+            nodes: Vec::new(),
+            bricks: std::mem::take(&mut self.bricks),
+        };
         for node in std::mem::take(&mut self.dirty) {
             self.is_dirty[node as usize] = false;
             let [structure, data] = self.peek(node);
@@ -407,6 +462,8 @@ pub fn priority(level: u8, order: u32) -> f64 {
 
 fn set_bits(words: &[u32]) -> impl Iterator<Item = u32> + '_ {
     words.iter().enumerate().flat_map(|(k, word)| {
-        (0..32).filter(move |bit| word >> bit & 1 == 1).map(move |bit| k as u32 * 32 + bit)
+        (0..32)
+            .filter(move |bit| word >> bit & 1 == 1)
+            .map(move |bit| k as u32 * 32 + bit)
     })
 }

@@ -1,0 +1,390 @@
+//! `brickfell fly`: a headless flight along a camera path, its pictures and its report.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use brickfell_culler::{Aabb, Camera};
+use brickfell_pager::Store;
+use brickfell_runtime::picture::{Picture, RayCounters};
+use brickfell_runtime::reference::Reference;
+use brickfell_runtime::renderer::{FrameReport, Renderer};
+use brickfell_runtime::settings::RenderSettings;
+use brickfell_runtime::terrain::read_header;
+use clap::Args as ClapArgs;
+use glam::DVec3;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::view_args::ViewArgs;
+use super::{CommandError, open_gpu, open_terrain};
+use crate::flight::Flight;
+use crate::holes::count_holes;
+use crate::picture_file::{Image, over_sky, save_overview};
+use crate::report::{FrameEntry, Percentiles, Report, Summary, peak_rss, per_ray};
+
+/// Seconds of the orbit that is flown without a path.
+const ORBIT_SECONDS: f64 = 12.0;
+/// Frames where neither a number nor a rate is given.
+const DEFAULT_FRAMES: usize = 24;
+/// Frames that the overview shows at most.
+const OVERVIEW_FRAMES: usize = 240;
+
+/// Arguments of `brickfell fly`.
+#[derive(ClapArgs, Clone, Debug)]
+pub struct Args {
+    /// Folder of the terrain
+    pub dir: PathBuf,
+    /// Camera path, JSON: {"keys":[{"t":0,"eye":[x,y,z],"target":[x,y,z]},…]}; without it an orbit
+    #[arg(long, value_name = "FILE")]
+    pub path: Option<PathBuf>,
+    /// Frames to draw; without `--fps` spread over the path
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub frames: Option<u32>,
+    /// Frames per second of the path; in real time, the rate not to exceed
+    #[arg(long, value_name = "F", value_parser = parse_rate)]
+    pub fps: Option<f64>,
+    /// Wait until each frame is settled instead of following the clock, and count its holes against the reference
+    #[arg(long)]
+    pub settle: bool,
+    /// Folder for frames, overview and report
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Picture, budgets, light
+    #[command(flatten)]
+    pub view: ViewArgs,
+}
+
+fn parse_rate(text: &str) -> Result<f64, String> {
+    let rate: f64 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
+    if (0.001..=1000.0).contains(&rate) {
+        Ok(rate)
+    } else {
+        Err("a rate is 0.001 to 1000 per second".into())
+    }
+}
+
+/// A flight under way.
+struct Flying<'a> {
+    args: &'a Args,
+    path: Flight,
+    settings: RenderSettings,
+    renderer: Renderer,
+    entries: Vec<FrameEntry>,
+    cameras: Vec<Camera>,
+    images: Vec<Image>,
+    /// Alphas of settled pictures, for the count of holes.
+    pictures: Vec<Picture>,
+    counters: RayCounters,
+    bar: ProgressBar,
+}
+
+/// Runs the command; exit code 2 if something could not be read.
+///
+/// # Errors
+/// If nothing can be drawn or written.
+pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
+    let (store, terrain) = open_terrain(&args.dir)?;
+    let path = match &args.path {
+        Some(file) => Flight::load(file)?,
+        None => {
+            let bounds = data_bounds(store.as_ref(), &terrain.trees).or(terrain.graph.bounds());
+            let bounds = bounds.ok_or_else(|| {
+                CommandError::new(
+                    format!("{}: the scene has no tree that can be read", args.dir.display()),
+                    "`brickfell check` says what is wrong with it",
+                )
+            })?;
+            Flight::orbit(&bounds, ORBIT_SECONDS)
+        }
+    };
+    let (trees, trees_total) = (terrain.trees.clone(), terrain.trees.len());
+    prepare_folder(&args.out)?;
+    let renderer = Renderer::new(open_gpu()?, Arc::clone(&store), terrain, args.view.config())?;
+    let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} frames, {eta} left");
+    let bar = ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let mut flying = Flying {
+        args,
+        path,
+        settings: args.view.settings(),
+        renderer,
+        entries: Vec::new(),
+        cameras: Vec::new(),
+        images: Vec::new(),
+        pictures: Vec::new(),
+        counters: RayCounters::default(),
+        bar,
+    };
+    let start = Instant::now();
+    if args.settle {
+        flying.fly_settled()?
+    } else {
+        flying.fly_real_time()?
+    }
+    let mut report = flying.report(start.elapsed().as_secs_f64(), trees_total);
+    if args.settle {
+        report.summary.holes = flying.count_holes(&store, &trees, &mut report)?;
+    }
+    let rate = flying.entries.len() as f64 / flying.path.duration().max(0.1);
+    let overview = args.out.join("overview.png");
+    save_overview(&overview, &flying.images, rate).map_err(|e| file_error(&overview, e))?;
+    let file = args.out.join("report.json");
+    let json = serde_json::to_string_pretty(&report)?;
+    std::fs::write(&file, json + "\n").map_err(|e| file_error(&file, e))?;
+    flying.bar.finish_and_clear();
+    let s = &report.summary;
+    println!(
+        "{} frames in {:.1} s, median {:.1} ms, {:.2} M rays/s on {}",
+        s.frames,
+        s.seconds,
+        s.frame_ms.p50,
+        s.rays_per_second * 1e-6,
+        s.adapter
+    );
+    println!("see {} and {}", overview.display(), file.display());
+    for fault in &s.faults {
+        eprintln!("brickfell: {fault}");
+    }
+    Ok(ExitCode::from(if s.faults.is_empty() { 0 } else { 2 }))
+}
+
+fn file_error(path: &Path, error: std::io::Error) -> CommandError {
+    CommandError::new(
+        format!("{}: {error}", path.display()),
+        "is there room, and may you write there?",
+    )
+}
+
+/// Makes the folder, or takes the files of an earlier flight out of it.
+fn prepare_folder(folder: &Path) -> Result<(), CommandError> {
+    std::fs::create_dir_all(folder).map_err(|e| file_error(folder, e))?;
+    for entry in std::fs::read_dir(folder)
+        .map_err(|e| file_error(folder, e))?
+        .flatten()
+    {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let frame = name.strip_prefix("frame_").and_then(|n| n.strip_suffix(".png"));
+        if frame.is_some_and(|n| n.bytes().all(|b| b.is_ascii_digit()))
+            || ["report.json", "overview.png"].contains(&&*name)
+        {
+            std::fs::remove_file(entry.path()).map_err(|e| file_error(&entry.path(), e))?;
+        }
+    }
+    Ok(())
+}
+
+/// The box of what the trees' headers say is in them (their surface voxels), where they say it.
+fn data_bounds(store: &dyn Store, trees: &[String]) -> Option<Aabb> {
+    trees
+        .iter()
+        .filter_map(|name| read_header(store, name).ok())
+        .filter(|h| h.surface_bounds[0].cmplt(h.surface_bounds[1]).all())
+        .filter_map(|h| {
+            let [lo, hi] = h.surface_bounds.map(|p| h.origin + p.as_dvec3() * h.voxel_size);
+            Aabb::new(lo, hi).ok()
+        })
+        .reduce(|a, b| a.union(&b))
+}
+
+impl Flying<'_> {
+    fn camera(&self, t: f64) -> Result<Camera, CommandError> {
+        let (eye, target): (DVec3, DVec3) = self.path.at(t);
+        Ok(self.args.view.camera(eye, target)?)
+    }
+
+    /// Number of frames, and the time of frame k.
+    fn schedule(&self) -> (usize, impl Fn(usize) -> f64 + use<>) {
+        let duration = self.path.duration();
+        let frames = match (self.args.frames, self.args.fps) {
+            (Some(n), _) => n as usize,
+            (None, Some(fps)) => (duration * fps).floor() as usize + 1,
+            (None, None) => DEFAULT_FRAMES,
+        };
+        let step = match self.args.fps {
+            Some(fps) => 1.0 / fps,
+            None => duration / frames.max(2) as f64,
+        };
+        (frames, move |k| k as f64 * step)
+    }
+
+    fn fly_settled(&mut self) -> Result<(), CommandError> {
+        let (frames, time) = self.schedule();
+        self.bar.set_length(frames as u64);
+        self.bar.set_message("flying");
+        for index in 0..frames {
+            let t = time(index);
+            let camera = self.camera(t)?;
+            let start = Instant::now();
+            let (report, settle_frames) = self.renderer.settle(&camera, &self.settings)?;
+            let settle_ms = start.elapsed().as_secs_f64() * 1e3;
+            let picture = self.renderer.read_picture()?;
+            self.keep(
+                t,
+                camera,
+                &report,
+                report.frame_ms,
+                Some((settle_ms, settle_frames)),
+                &picture,
+            )?;
+            self.pictures.push(picture);
+        }
+        Ok(())
+    }
+
+    fn fly_real_time(&mut self) -> Result<(), CommandError> {
+        let duration = self.path.duration();
+        let most = self.args.frames.map_or(usize::MAX, |n| n as usize);
+        let pace = self.args.fps.map(|fps| Duration::from_secs_f64(1.0 / fps));
+        self.bar.set_message("flying in real time");
+        let start = Instant::now();
+        let mut index = 0;
+        while index < most {
+            let t = start.elapsed().as_secs_f64();
+            if t > duration && index > 0 {
+                break;
+            }
+            let begin = Instant::now();
+            let camera = self.camera(t)?;
+            let report = self.renderer.frame(&camera, &self.settings)?;
+            self.renderer.gpu().wait()?;
+            let frame_ms = begin.elapsed().as_secs_f64() * 1e3;
+            let picture = self.renderer.read_picture()?;
+            self.keep(t, camera, &report, frame_ms, None, &picture)?;
+            index += 1;
+            if let Some(pace) = pace {
+                std::thread::sleep((begin + pace).saturating_duration_since(Instant::now()));
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes a frame's picture and notes its figures.
+    fn keep(
+        &mut self,
+        t: f64,
+        camera: Camera,
+        report: &FrameReport,
+        frame_ms: f64,
+        settled: Option<(f64, u32)>,
+        picture: &Picture,
+    ) -> Result<(), CommandError> {
+        let index = self.entries.len();
+        let image = over_sky(picture, &camera);
+        let file = self.args.out.join(format!("frame_{index:04}.png"));
+        image.save(&file).map_err(|e| file_error(&file, e))?;
+        if self.images.len() < OVERVIEW_FRAMES {
+            self.images.push(image);
+        }
+        let feedback = self.renderer.feedback();
+        let c = &feedback.counters;
+        for (sum, v) in [
+            (&mut self.counters.rays_hit, c.rays_hit),
+            (&mut self.counters.nodes, c.nodes),
+            (&mut self.counters.samples, c.samples),
+            (&mut self.counters.texture_reads, c.texture_reads),
+            (&mut self.counters.capped, c.capped),
+            (&mut self.counters.not_finite, c.not_finite),
+        ] {
+            *sum += v;
+        }
+        let read_before: u64 = self.entries.iter().map(|e| e.bytes_read).sum();
+        self.entries.push(FrameEntry {
+            index,
+            t,
+            frame_ms,
+            settle_ms: settled.map(|s| s.0),
+            settle_frames: settled.map_or(1, |s| s.1),
+            merge_ms: report.merge_ms,
+            cull_ms: report.cull_ms,
+            upload_ms: report.upload_ms,
+            readback_ms: report.readback_ms,
+            submit_ms: report.submit_ms,
+            gpu_upload_ms: feedback.gpu_ms[0],
+            gpu_cast_ms: feedback.gpu_ms[1],
+            gpu_compact_ms: feedback.gpu_ms[2],
+            trees_visible: report.trees_visible,
+            trees_active: report.trees_active,
+            bricks_resident: report.bricks_resident,
+            uploads: report.uploads,
+            bytes_uploaded: report.bytes_uploaded,
+            bytes_read: self.renderer.pager_stats().bytes_read.saturating_sub(read_before),
+            requests: feedback.request_count,
+            pending: report.pending,
+            bias: report.bias,
+            holes: None,
+            nodes_per_ray: per_ray(c.nodes, c),
+            samples_per_ray: per_ray(c.samples, c),
+        });
+        self.cameras.push(camera);
+        self.bar.inc(1);
+        Ok(())
+    }
+
+    fn report(&self, seconds: f64, trees_total: usize) -> Report {
+        let pager = self.renderer.pager_stats();
+        let frame_ms = Percentiles::of(self.entries.iter().map(|e| e.frame_ms));
+        let cast_ms = Percentiles::of(self.entries.iter().map(|e| e.gpu_cast_ms)).p50;
+        let (width, height) = self.args.view.size;
+        let rays = f64::from(width) * f64::from(height);
+        let per_second = |ms: f64, count: f64| if ms > 0.0 { count * 1e3 / ms } else { 0.0 };
+        let summary = Summary {
+            frames: self.entries.len(),
+            seconds,
+            fps_median: per_second(frame_ms.p50, 1.0),
+            frame_ms,
+            rays_per_second: per_second(if cast_ms > 0.0 { cast_ms } else { frame_ms.p50 }, rays),
+            trees_total,
+            trees_active_max: self.entries.iter().map(|e| e.trees_active).max().unwrap_or(0),
+            bricks_resident_max: self.entries.iter().map(|e| e.bricks_resident).max().unwrap_or(0),
+            brick_slots: self.renderer.brick_slots(),
+            ram_bytes_peak: peak_rss(),
+            cache_bytes_peak: pager.peak_bytes,
+            gpu_bytes: self.renderer.gpu_bytes(),
+            bytes_read: pager.bytes_read,
+            bytes_uploaded: self.entries.iter().map(|e| e.bytes_uploaded).sum(),
+            uploads: self.entries.iter().map(|e| e.uploads).sum(),
+            requests_last_frame: self.entries.last().map_or(0, |e| e.requests),
+            holes: None,
+            nodes_per_ray: per_ray(self.counters.nodes, &self.counters),
+            samples_per_ray: per_ray(self.counters.samples, &self.counters),
+            texture_reads_per_ray: per_ray(self.counters.texture_reads, &self.counters),
+            rays_capped: self.counters.capped,
+            pixels_not_finite: self.counters.not_finite,
+            adapter: self.renderer.gpu().describe(),
+            faults: self.renderer.faults().to_vec(),
+        };
+        Report {
+            summary,
+            frames: self.entries.clone(),
+        }
+    }
+
+    /// Counts each settled picture's holes; `None` if the reference cannot read what it needs (a fault is noted then).
+    fn count_holes(
+        &self,
+        store: &Arc<dyn Store>,
+        trees: &[String],
+        report: &mut Report,
+    ) -> Result<Option<usize>, CommandError> {
+        if !report.summary.faults.is_empty() {
+            // What is missing is known and named; the reference would fail on the same files.
+            return Ok(None);
+        }
+        let reference = Reference::new(Arc::clone(store), trees)?;
+        self.bar.set_message("counting holes");
+        self.bar.set_position(0);
+        let mut total = 0;
+        for (k, (picture, camera)) in self.pictures.iter().zip(&self.cameras).enumerate() {
+            let settings = RenderSettings {
+                bias: self.entries[k].bias,
+                ..self.settings
+            };
+            let holes = count_holes(picture, &reference.render(camera, &settings)?.0);
+            report.frames[k].holes = Some(holes);
+            total += holes;
+            self.bar.inc(1);
+        }
+        Ok(Some(total))
+    }
+}

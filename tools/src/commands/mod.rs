@@ -1,0 +1,77 @@
+//! The program's commands: arguments, what they print, exit codes. The work itself is in the libraries.
+//!
+//! Each command is a module with its `Args` and a `run`. An error is one clear line and a hint; the exit code is 1 for
+//! errors, 2 where something was drawn but not all of it could be read.
+
+pub mod build;
+pub mod check;
+mod database;
+pub mod demo;
+pub mod fly;
+pub mod info;
+pub mod render;
+pub mod view_args;
+
+use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+
+use brickfell_pager::{FolderStore, Store};
+use brickfell_runtime::error::RuntimeError;
+use brickfell_runtime::gpu::Gpu;
+use brickfell_runtime::terrain::Terrain;
+
+/// What the program prints when a command fails.
+#[derive(Debug)]
+pub struct CommandError {
+    /// What is wrong and where, one line.
+    pub message: String,
+    /// What to do about it.
+    pub hint: Option<&'static str>,
+}
+
+impl CommandError {
+    /// An error with a hint.
+    pub fn new(error: impl fmt::Display, hint: &'static str) -> Self {
+        Self { message: error.to_string(), hint: Some(hint) }
+    }
+}
+
+impl<E: std::error::Error> From<E> for CommandError {
+    fn from(error: E) -> Self {
+        Self { message: error.to_string(), hint: None }
+    }
+}
+
+impl fmt::Display for CommandError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+/// Opens a terrain's folder.
+///
+/// # Errors
+/// If there is no readable `scene.xml` in it.
+pub fn open_terrain(folder: &Path) -> Result<(Arc<dyn Store>, Terrain), CommandError> {
+    let hint = "give a folder that `brickfell build` made, or one with a hand-written scene.xml";
+    let store = FolderStore::open(folder)
+        .map_err(|e| CommandError::new(format!("{}: {e}", folder.display()), hint))?;
+    let store: Arc<dyn Store> = Arc::new(store);
+    let terrain = Terrain::open(&store).map_err(|e| CommandError::new(e, hint))?;
+    Ok((store, terrain))
+}
+
+/// Opens the device.
+///
+/// # Errors
+/// If there is no adapter.
+pub fn open_gpu() -> Result<Arc<Gpu>, CommandError> {
+    Gpu::open().map_err(|e| match e {
+        RuntimeError::NoAdapter(_) => CommandError::new(
+            e,
+            "a software device is enough: `apt-get install mesa-vulkan-drivers` on Debian and Ubuntu",
+        ),
+        _ => e.into(),
+    })
+}
