@@ -6,10 +6,10 @@
 //!
 //! | module | what |
 //! |---|---|
-//! | [`tree`] | a tree's files, read when rays need them |
-//! | [`sampling`] | filtering, light, opacity over a segment |
-//! | [`walk`] | one ray through one tree, segment by segment |
-//! | [`cells`] | integer boxes and the exact way through them |
+//! | `tree` | a tree's files, read when rays need them |
+//! | `sampling` | filtering, light, opacity over a segment |
+//! | `walk` | one ray through one tree, segment by segment |
+//! | `cells` | integer boxes and the exact way through them |
 //!
 //! [`Reference`] may be used from any thread; [`Reference::render`] spreads rows over the rayon pool of its caller.
 

@@ -121,6 +121,66 @@ fn the_wanted_level_is_where_a_voxel_fits_the_footprint() {
 }
 
 #[test]
+fn closed_forms_end_where_the_level_changes() {
+    // Voxels of 8 and 4 m at levels 0 and 1; from the top face down, the footprint is one of them at known depths.
+    let a = |code: u8| f64::from(code) / 255.0;
+    let head = header(DVec3::ZERO, 1.0, 3, SampleLayout::Centre, 1);
+    let transmittance = |kind: &dyn Fn(u8) -> Kind, footprint| {
+        let mut store = Store::default();
+        store.add("t.oct", head, |level, _| kind(level), |_, _| grey(0, 30));
+        1.0 - shoot(
+            &store.open(&["t.oct"]),
+            dvec3(20.0, 20.0, 64.0),
+            DVec3::NEG_Z,
+            footprint,
+            true,
+        )
+        .0[3]
+    };
+    let coarse = Kind::Inner([0, 0, 0, 30]);
+
+    // The data ends at level 1: alone to 10 m, mixed with the root to 24 m, the root alone from there.
+    let mixed = transmittance(
+        &|level| {
+            if level == 0 {
+                coarse
+            } else {
+                Kind::Leaf([0, 0, 0, 10])
+            }
+        },
+        0.4,
+    );
+    let weight = (8.0 / (0.4 * 16.0f64)).log2();
+    let pair = (1.0 - weight) * (1.0 - a(30)) + weight * (1.0 - a(10)).powi(2);
+    let expected = (1.0 - a(10)).powi(4) * pair * (1.0 - a(30)).powi(5);
+    assert!((mixed - expected).abs() < 1e-12, "{mixed} {expected}");
+
+    // Levels 1 and 2 are empty: skipped to 5 m, then the root comes in, from 16 m on alone.
+    let kind = |level| match level {
+        0 => coarse,
+        1 => Kind::Inner([0; 4]),
+        _ => Kind::Leaf([0; 4]),
+    };
+    let expected = (1.0 - (1.0 - weight) * a(30)) * (1.0 - a(30)).powi(6);
+    let skipped = transmittance(&kind, 0.8);
+    assert!((skipped - expected).abs() < 1e-12, "{skipped} {expected}");
+
+    // Inside the rim the parent's brick counts as equal to the node, until it stands alone at 20 m.
+    let inner = transmittance(
+        &|level| {
+            if level == 0 {
+                Kind::Brick
+            } else {
+                Kind::Leaf([0; 4])
+            }
+        },
+        0.4,
+    );
+    let expected = (1.0 - a(30)).powf(44.0 / 8.0);
+    assert!((inner - expected).abs() < 1e-12, "{inner} {expected}");
+}
+
+#[test]
 fn values_are_continuous_from_a_constant_node_to_its_sibling() {
     // Level 1 is equal up to sample 8, so its node x = 0 is constant; level 0 changes from sample 4 on, which reaches
     // into that node by the rim. 16/255 per metre and 31/255 per two metres are the same density.
@@ -192,7 +252,7 @@ fn cloud(tree: &mut Store, name: &str, origin: DVec3, depth: u8, layout: SampleL
     };
     let kind = |level: u8, p: UVec3| {
         let low = origin + p.as_dvec3() * 8.0 * head.level_voxel_size(level);
-        if level == depth && hash(&low.as_ivec3().to_array()) % 3 == 0 {
+        if level == depth && hash(&low.as_ivec3().to_array()).is_multiple_of(3) {
             Kind::Leaf([30, 20, 10, 9])
         } else {
             Kind::Brick

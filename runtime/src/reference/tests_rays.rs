@@ -25,7 +25,7 @@ const DEPTH: u8 = 3;
 /// What a node of the irregular tree is: constant leaves at all levels, some of them empty.
 fn irregular(level: u8, p: UVec3) -> Kind {
     let h = hash(&[i32::from(level), p.x as i32, p.y as i32, p.z as i32]);
-    if level == DEPTH || (level > 0 && h % 4 == 0) {
+    if level == DEPTH || (level > 0 && h.is_multiple_of(4)) {
         Kind::Leaf([0, 0, 0, if h & 16 == 0 { 0 } else { (h >> 8) as u8 % 30 }])
     } else {
         Kind::Inner([0, 0, 0, 77])

@@ -13,7 +13,7 @@ const LAYOUTS: [SampleLayout; 2] = [SampleLayout::Corner, SampleLayout::Centre];
 #[test]
 fn constant_nodes_follow_the_closed_form_off_axis() {
     // The same stored alpha at levels 0 and 2 means voxels of 4 m and 1 m, so different densities.
-    for (level, alpha) in [(0u8, 1u8), (0, 90), (2, 1), (2, 40)] {
+    for (level, alpha) in [(0u8, 1u8), (0, 90), (2, 1), (2, 40), (2, 200)] {
         let mut store = Store::default();
         let head = header(dvec3(-10.0, 3.0, 7.0), 1.0, 2, SampleLayout::Centre, 1);
         let kind = |l, _| {

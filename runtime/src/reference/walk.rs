@@ -1,7 +1,7 @@
 //! One ray through one tree, segment by segment.
 //!
 //! A segment is where one formula holds: a constant node, or one voxel of a brick. Its level and the weight of the two
-//! mixed levels are those of its start. Segments end at box planes ([`super::cells`]) or at the depth where another
+//! mixed levels are those of its start. Segments end at box planes (see `cells`) or at the depth where another
 //! level is wanted; both move strictly forward, so a ray ends after at most as many segments as the lattice has planes
 //! and the tree levels. Plain values: any thread.
 
