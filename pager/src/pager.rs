@@ -4,6 +4,7 @@ mod merge;
 mod submit;
 #[cfg(test)]
 mod tests;
+mod usage;
 
 use std::fmt;
 use std::sync::Arc;
@@ -102,6 +103,8 @@ struct Tree {
 struct Demand {
     /// Bytes of requested pages that are not resident.
     missing_bytes: u64,
+    /// Those, the resident pages used in the frame, and the pinned roots.
+    bytes: u64,
     /// Pages that the budget has no room for.
     deferred: usize,
     /// When the first of the requested pages that failed may be tried again.
@@ -360,14 +363,12 @@ impl Pager {
         }
     }
 
-    /// Demand over budget: bytes of the pages requested and touched in the last frame, and of the pinned roots, over the
-    /// budget. Above 1 some of them are deferred.
+    /// Demand over budget as of the last [`Pager::submit`]: bytes of the pages requested and touched in the frame, and of the
+    /// pinned roots, over the budget. Above 1 some of them are deferred.
     pub fn over_budget(&self) -> f64 {
-        let demand = self.pinned_bytes + self.used_bytes + self.demand.missing_bytes;
-        if demand == 0 {
-            0.0
-        } else {
-            demand as f64 / self.config.budget_bytes as f64
+        match self.demand.bytes {
+            0 => 0.0,
+            bytes => bytes as f64 / self.config.budget_bytes as f64,
         }
     }
 
@@ -382,92 +383,5 @@ impl Pager {
         let slot = self.table.find(PageKey::Root(tree))?;
         let entry = self.table.get(slot)?;
         matches!(entry.state, State::Resident(_)).then_some((slot, entry.bytes))
-    }
-
-    /// Puts a tree in use, which pins its root.
-    fn acquire(&mut self, tree: TreeId) {
-        let Some(entry) = self.trees.get_mut(tree.0 as usize) else {
-            return;
-        };
-        if !std::mem::replace(&mut entry.in_use, true)
-            && let Some((slot, bytes)) = self.resident_root(tree)
-        {
-            self.pinned_bytes += bytes;
-            self.levels.remove(slot);
-        }
-    }
-
-    /// Notes a request for a page whose parents are there, or are asked for too.
-    fn want(&mut self, key: PageKey, priority: f64) {
-        let tick = self.tick;
-        let slot = self.table.find_or_insert(key);
-        let Some(entry) = self.table.get_mut(slot) else {
-            return;
-        };
-        match entry.state {
-            State::Resident(_) => self.use_slot(slot),
-            State::GivenUp => {}
-            _ if entry.stamp == tick => entry.priority = entry.priority.min(priority),
-            _ => {
-                entry.stamp = tick;
-                entry.priority = priority;
-                self.wanted.push(slot);
-            }
-        }
-    }
-
-    /// Stamps a resident page other than a root.
-    fn use_slot(&mut self, slot: u32) {
-        let Some(entry) = self.table.get_mut(slot) else {
-            return;
-        };
-        if entry.stamp == self.tick || !matches!(entry.state, State::Resident(_)) {
-            return;
-        }
-        entry.stamp = self.tick;
-        self.used_bytes += entry.bytes;
-        match entry.key {
-            PageKey::Chunk { .. } => self.chunks.touch(slot),
-            _ => self.levels.touch(slot),
-        }
-    }
-
-    /// Puts the tree in use and stamps its resident levels down to this one.
-    fn use_levels(&mut self, tree: TreeId, level: u8) {
-        self.acquire(tree);
-        self.stamp_levels(tree, level);
-    }
-
-    fn stamp_levels(&mut self, tree: TreeId, level: u8) {
-        let tick = self.tick;
-        let Some(entry) = self.trees.get_mut(tree.0 as usize) else {
-            return;
-        };
-        if entry.stamped.0 == tick && entry.stamped.1 >= level {
-            return;
-        }
-        entry.stamped = (tick, level);
-        let in_use = entry.in_use;
-        // From the finest up, and every one of them again: parents stay behind their children in the list.
-        for level in (1..=level).rev() {
-            if let Some(slot) = self.table.find(PageKey::Level { tree, level }) {
-                self.use_slot(slot);
-                if self
-                    .table
-                    .get(slot)
-                    .is_some_and(|s| matches!(s.state, State::Resident(_)))
-                {
-                    self.levels.touch(slot);
-                }
-            }
-        }
-        if let Some((slot, _)) = self.resident_root(tree) {
-            if let Some(root) = self.table.get_mut(slot) {
-                root.stamp = tick;
-            }
-            if !in_use {
-                self.levels.touch(slot);
-            }
-        }
     }
 }

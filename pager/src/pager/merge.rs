@@ -163,16 +163,12 @@ impl Pager {
         }
         // What nobody could use before counts as used now; its place in the order is behind its children, before its parents.
         tree.stamped = (0, 0);
-        self.use_slot_published(slot, key);
-        self.resident_bytes += bytes;
-        self.counters.loads += 1;
-        self.published.push(key);
-    }
-
-    fn use_slot_published(&mut self, slot: u32, key: PageKey) {
         if !matches!(key, PageKey::Root(_)) {
             self.use_slot(slot);
         }
         self.stamp_levels(key.tree(), key.level());
+        self.resident_bytes += bytes;
+        self.counters.loads += 1;
+        self.published.push(key);
     }
 }

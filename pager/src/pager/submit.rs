@@ -22,6 +22,7 @@ impl Pager {
         self.note_started();
         self.cancel_stale();
         let mut wanted = self.gather();
+        self.demand.bytes = self.pinned_bytes + self.used_bytes + self.demand.missing_bytes;
         if let Some(reason) = &self.loaders.failure {
             let reason = reason.clone();
             for (_, slot) in wanted.drain(..) {

@@ -48,6 +48,8 @@ fn when_the_view_does_not_fit_the_nearest_is_served_and_nothing_moves() {
     let rest = flight.pager.stats();
     assert!(rest.deferred > 40 && rest.peak_bytes <= budget, "{rest:?}");
     assert!(flight.pager.over_budget() > 2.0);
+    flight.pager.merge(u64::MAX);
+    assert!(flight.pager.over_budget() > 2.0, "as of the last submit");
     let there: Vec<bool> = all.iter().map(|(key, _)| flight.has(*key)).collect();
     assert!(
         there[..15].iter().all(|there| *there),

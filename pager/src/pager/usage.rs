@@ -1,0 +1,97 @@
+//! Who wants and who uses what: stamps, the order of use, and the pins of roots.
+
+use brickfell_culler::TreeId;
+
+use crate::page::PageKey;
+use crate::table::State;
+
+use super::Pager;
+
+impl Pager {
+    /// Puts a tree in use, which pins its root.
+    pub(super) fn acquire(&mut self, tree: TreeId) {
+        let Some(entry) = self.trees.get_mut(tree.0 as usize) else {
+            return;
+        };
+        if !std::mem::replace(&mut entry.in_use, true)
+            && let Some((slot, bytes)) = self.resident_root(tree)
+        {
+            self.pinned_bytes += bytes;
+            self.levels.remove(slot);
+        }
+    }
+
+    /// Notes a request for a page whose parents are there, or are asked for too.
+    pub(super) fn want(&mut self, key: PageKey, priority: f64) {
+        let tick = self.tick;
+        let slot = self.table.find_or_insert(key);
+        let Some(entry) = self.table.get_mut(slot) else {
+            return;
+        };
+        match entry.state {
+            State::Resident(_) => self.use_slot(slot),
+            State::GivenUp => {}
+            _ if entry.stamp == tick => entry.priority = entry.priority.min(priority),
+            _ => {
+                entry.stamp = tick;
+                entry.priority = priority;
+                self.wanted.push(slot);
+            }
+        }
+    }
+
+    /// Stamps a resident page other than a root.
+    pub(super) fn use_slot(&mut self, slot: u32) {
+        let Some(entry) = self.table.get_mut(slot) else {
+            return;
+        };
+        if entry.stamp == self.tick || !matches!(entry.state, State::Resident(_)) {
+            return;
+        }
+        entry.stamp = self.tick;
+        self.used_bytes += entry.bytes;
+        match entry.key {
+            PageKey::Chunk { .. } => self.chunks.touch(slot),
+            _ => self.levels.touch(slot),
+        }
+    }
+
+    /// Puts the tree in use and stamps its resident levels down to this one.
+    pub(super) fn use_levels(&mut self, tree: TreeId, level: u8) {
+        self.acquire(tree);
+        self.stamp_levels(tree, level);
+    }
+
+    pub(super) fn stamp_levels(&mut self, tree: TreeId, level: u8) {
+        let tick = self.tick;
+        let Some(entry) = self.trees.get_mut(tree.0 as usize) else {
+            return;
+        };
+        if entry.stamped.0 == tick && entry.stamped.1 >= level {
+            return;
+        }
+        entry.stamped = (tick, level);
+        let in_use = entry.in_use;
+        // From the finest up, and every one of them again: parents stay behind their children in the list.
+        for level in (1..=level).rev() {
+            if let Some(slot) = self.table.find(PageKey::Level { tree, level }) {
+                self.use_slot(slot);
+                if self
+                    .table
+                    .get(slot)
+                    .is_some_and(|s| matches!(s.state, State::Resident(_)))
+                {
+                    self.levels.touch(slot);
+                }
+            }
+        }
+        if let Some((slot, _)) = self.resident_root(tree) {
+            if let Some(root) = self.table.get_mut(slot) {
+                root.stamp = tick;
+            }
+            if !in_use {
+                self.levels.touch(slot);
+            }
+        }
+    }
+}
