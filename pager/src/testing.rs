@@ -97,12 +97,17 @@ fn brick_file(tree: &Octree, level: u8, tag: u8) -> Vec<u8> {
 
 /// The objects of a tree: its octree file and its brick files.
 pub(crate) fn objects(file: &str, depth: u8, tag: u8) -> Vec<(String, Vec<u8>)> {
-    let tree = octree(depth);
+    objects_of(&octree(depth), file, tag)
+}
+
+/// The objects of any tree.
+pub(crate) fn objects_of(tree: &Octree, file: &str, tag: u8) -> Vec<(String, Vec<u8>)> {
     let octree = match file.ends_with(".xml") {
-        true => octree_xml::encode(&tree).unwrap().into_bytes(),
-        false => octree_binary::encode(&tree).unwrap(),
+        true => octree_xml::encode(tree).unwrap().into_bytes(),
+        false => octree_binary::encode(tree).unwrap(),
     };
-    let bricks = (0..=depth).map(|level| (brick_file_name(file, level), brick_file(&tree, level, tag)));
+    let bricks =
+        (0..=tree.header.depth).map(|level| (brick_file_name(file, level), brick_file(tree, level, tag)));
     std::iter::once((file.to_owned(), octree)).chain(bricks).collect()
 }
 

@@ -1,10 +1,13 @@
 //! The byte budget: never exceeded, least recently used out first, nothing moves at rest.
 
+use std::sync::Arc;
+
 use brickfell_culler::TreeId;
+use brickfell_formats::octree::Node;
 use proptest::prelude::*;
 
-use crate::testing::{Flight, chunk, config, level, pager, root, store};
-use crate::{Fault, PageKey};
+use crate::testing::{Flight, chunk, config, level, objects_of, octree, pager, root, store};
+use crate::{Fault, MemoryStore, PageKey};
 
 fn chunks(tree: u32, l: u8, range: std::ops::Range<u32>) -> Vec<(PageKey, f64)> {
     range.map(|k| (chunk(tree, l, k), f64::from(k))).collect()
@@ -68,6 +71,35 @@ fn when_the_view_does_not_fit_the_nearest_is_served_and_nothing_moves() {
     assert!((50..64).all(|k| flight.has(chunk(0, 4, k))));
     assert_eq!(flight.pager.stats().deferred, 0);
     assert!(flight.pager.over_budget() < 1.0);
+}
+
+#[test]
+fn a_level_is_not_loaded_when_its_parent_has_no_room() {
+    // Level 3 is large, level 4 is one tile.
+    let mut tree = octree(4);
+    for node in &mut tree.levels[3][1..] {
+        *node = Node::new(None, node.data());
+    }
+    tree.levels[4].truncate(8);
+    let store = Arc::new(MemoryStore::new());
+    for (name, bytes) in objects_of(&tree, "0.oct", 0) {
+        store.put(&name, bytes);
+    }
+    let wants = [(level(0, 4), 0.0)];
+    let mut flight = Flight::new(pager(&store, 1, config(1 << 30, 1)));
+    flight.settle(&[(level(0, 2), 0.0)]);
+    let coarse = flight.pager.stats().resident_bytes;
+    flight.settle(&wants);
+    let mut flight = Flight::new(pager(&store, 1, config(coarse + 1000, 1)));
+    flight.settle(&wants);
+    let (stats, status) = (flight.pager.stats(), flight.pager.loaders.loads.status());
+    assert!(flight.has(level(0, 2)) && !flight.has(level(0, 3)));
+    assert_eq!(
+        (stats.deferred, stats.ready),
+        (2, 0),
+        "level 4 would wait for a parent that does not come"
+    );
+    assert_eq!(status.committed, stats.resident_bytes);
 }
 
 #[test]
