@@ -178,6 +178,28 @@ fn closed_forms_end_where_the_level_changes() {
     );
     let expected = (1.0 - a(30)).powf(44.0 / 8.0);
     assert!((inner - expected).abs() < 1e-12, "{inner} {expected}");
+
+    // Seen from afar, half mixed: the rims of two nodes, 4 m each at both ends, show half of the parent.
+    let mut store = Store::default();
+    let kind = |level, _| {
+        if level == 0 {
+            Kind::Brick
+        } else {
+            Kind::Leaf([0; 4])
+        }
+    };
+    store.add("t.oct", head, kind, |_, _| grey(0, 30));
+    let eye = dvec3(20.0, 20.0, 1e9);
+    let [.., alpha] = shoot(
+        &store.open(&["t.oct"]),
+        eye,
+        DVec3::NEG_Z,
+        32f64.sqrt() * 1e-9,
+        true,
+    )
+    .0;
+    let expected = (1.0 - 0.5 * (1.0 - (1.0 - a(30)).sqrt())).powi(4);
+    assert!((1.0 - alpha - expected).abs() < 1e-6, "{alpha} {expected}");
 }
 
 #[test]
