@@ -37,7 +37,7 @@ pub(super) fn plant(terrain: &Terrain) -> (Model, usize) {
                 && terrain.field(at).1 > 1.5;
             // Forest where the woods are, single trees and bushes elsewhere.
             let woods = terrain.woods(at);
-            if edge < 4.0 || !open || ground.height > 60.0 || chance > 0.05 + 0.6 * woods * woods {
+            if edge < 6.5 || !open || ground.height > 60.0 || chance > 0.05 + 0.6 * woods * woods {
                 continue;
             }
             if terrain.slope(at) > 0.75 {
