@@ -21,6 +21,8 @@ mod walk;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
+mod tests_files;
+#[cfg(test)]
 mod tests_levels;
 #[cfg(test)]
 mod tests_rays;

@@ -1,9 +1,8 @@
-//! The way of rays through trees: hard directions, hard eyes, far eyes, damaged files.
+//! The way of rays through trees: hard directions, hard eyes, far eyes.
 
 use brickfell_culler::Camera;
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::value::Stored;
-use brickfell_pager::store::{Fault, Store as _};
 use glam::{DVec3, UVec3, dvec3};
 use proptest::prelude::*;
 
@@ -284,60 +283,6 @@ fn depth_twenty_is_walked_to_the_end() {
             );
         }
     }
-}
-
-#[test]
-fn damaged_and_missing_files_are_named() {
-    let whole = || {
-        let mut store = Store::default();
-        let head = header(DVec3::ZERO, 1.0, 1, SampleLayout::Corner, 1);
-        store.add("a/t.oct", head, |_, _| Kind::Brick, |_, _| grey(9, 9));
-        store
-    };
-    let camera = Camera::look_at(DVec3::splat(40.0), DVec3::ZERO, 30.0, 8, 8).unwrap();
-    let settings = RenderSettings {
-        bias: -9.0,
-        ..RenderSettings::default()
-    };
-    let draw = |store: Store| {
-        store
-            .try_open(&["a/t.oct"])
-            .and_then(|r| r.render(&camera, &settings))
-    };
-    assert!(draw(whole()).unwrap().1.rays_hit > 0);
-
-    let broken_by = |name: &str, fault: Option<Fault>| {
-        let store = whole();
-        match fault {
-            Some(fault) => store.0.inject(name, fault),
-            None => store.0.remove(name),
-        }
-        let said = draw(store).unwrap_err().to_string();
-        assert!(
-            said.starts_with(&format!("memory:{name}: ")) && !said.contains('\n'),
-            "{fault:?}: {said}"
-        );
-    };
-    for name in ["a/t.oct", "a/t.L01.brk"] {
-        broken_by(name, None);
-        broken_by(name, Some(Fault::Error(std::io::ErrorKind::PermissionDenied)));
-        broken_by(name, Some(Fault::Short));
-        let len = whole().0.len(name).unwrap();
-        for at in [0, 9, 50, len / 2, len - 1] {
-            broken_by(name, Some(Fault::FlipBit(at * 8)));
-            let store = whole();
-            store.0.truncate(name, at as usize);
-            assert!(draw(store).unwrap_err().to_string().contains(name), "{at}");
-        }
-    }
-    // A brick file of another level of the same tree is sound but wrong.
-    let store = whole();
-    let coarse = store
-        .0
-        .read("a/t.L00.brk", 0, store.0.len("a/t.L00.brk").unwrap() as usize)
-        .unwrap();
-    store.0.put("a/t.L01.brk", coarse);
-    assert!(draw(store).unwrap_err().to_string().contains("holds level 0"));
 }
 
 #[test]
