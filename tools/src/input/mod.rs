@@ -12,6 +12,7 @@ pub mod demo;
 mod error;
 mod geokeys;
 pub mod georef;
+mod height_samples;
 pub mod heights;
 pub mod image_file;
 pub mod imagery;
@@ -20,6 +21,7 @@ mod materials;
 pub mod mesh;
 mod obj;
 mod pam;
+mod surfaces;
 #[cfg(test)]
 mod test_data;
 pub mod texture;
