@@ -110,28 +110,6 @@ impl Trail {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// Depth at which the ray will enter a box that does not hold its cell, `None` if it never will.
-    pub(super) fn entry(&self, bounds: &CellBox) -> Option<f64> {
-        let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
-        for axis in 0..3 {
-            let (cell, lo, hi) = (self.cell[axis], bounds.lo[axis], bounds.hi[axis]);
-            match self.far_plane(bounds, axis) {
-                None if cell < lo || cell >= hi => return None,
-                None => {}
-                Some(far) => {
-                    let near = lo + hi - far;
-                    let passed = if far == hi { cell >= hi } else { cell < lo };
-                    if passed {
-                        return None;
-                    }
-                    enter = enter.max(self.depth(near, axis));
-                    leave = leave.min(self.depth(far, axis));
-                }
-            }
-        }
-        (enter < leave).then_some(enter)
-    }
-
     /// Moves the ray to depth `z`, and behind the exit planes of `left` that lie no deeper.
     pub(super) fn advance(&mut self, z: f64, left: &CellBox) {
         let p = self.at(z);
@@ -141,15 +119,6 @@ impl Trail {
                 && self.depth(plane, axis) <= z
             {
                 self.push_behind(axis, plane);
-            }
-        }
-    }
-
-    /// Puts the ray, which is at the depth of [`Self::entry`], into the box.
-    pub(super) fn enter(&mut self, bounds: &CellBox) {
-        for axis in 0..3 {
-            if let Some(far) = self.far_plane(bounds, axis) {
-                self.push_behind(axis, bounds.lo[axis] + bounds.hi[axis] - far);
             }
         }
     }

@@ -132,8 +132,6 @@ struct Segment {
     bounds: CellBox,
     /// Depth at which it ends at the latest.
     until: f64,
-    /// A box that it ends on entering.
-    inner: Option<CellBox>,
     /// The value all along it, or `None` if its middle is to be sampled.
     uniform: Option<Value>,
 }
@@ -191,18 +189,12 @@ impl<'t, 'r> Walk<'t, 'r> {
             };
             let pair = weight.zip(place.parent.as_ref());
             let segment = self.segment(place, pair.map(|(_, parent)| parent));
-            let mut end = self
+            let end = self
                 .trail
                 .exit(&segment.bounds)
                 .min(segment.until)
-                .min(self.passage.leave);
-            let entry = segment
-                .inner
-                .and_then(|inner| Some((inner, self.trail.entry(&inner)?)));
-            if let Some((_, depth)) = entry {
-                end = end.min(depth);
-            }
-            let end = end.max(self.z);
+                .min(self.passage.leave)
+                .max(self.z);
             if end > self.z {
                 let layer = match &segment.uniform {
                     Some(value) => self.layer(value, place.level, end),
@@ -214,11 +206,6 @@ impl<'t, 'r> Walk<'t, 'r> {
                 }
             }
             self.trail.advance(end, &segment.bounds);
-            if let Some((inner, depth)) = entry
-                && depth <= end
-            {
-                self.trail.enter(&inner);
-            }
             self.z = end;
         }
         transport.capped += 1;
@@ -291,36 +278,31 @@ impl<'t, 'r> Walk<'t, 'r> {
     /// The segment that starts here; `parent` is what is mixed in.
     fn segment(&self, place: &Place, parent: Option<&Shown>) -> Segment {
         let cell = self.trail.cell();
-        let sampled = |level: u8, inner| Segment {
-            bounds: CellBox::around(cell, self.voxel(level)),
+        // The faces of a constant node's inner box are planes of its own voxels, too.
+        let sampled = Segment {
+            bounds: CellBox::around(cell, self.voxel(place.level)),
             until: f64::INFINITY,
-            inner,
             uniform: None,
         };
         let uniform = |bounds, until, value| Segment {
             bounds,
             until,
-            inner: None,
             uniform: Some(value),
         };
         let Shown::Constant(value) = place.shown else {
-            return sampled(place.level, None);
+            return sampled;
         };
         let Some(parent) = parent else {
-            // Where the data ends above the wanted level, its parent comes in when the footprint has grown.
-            let until = if self.wanted > place.level {
-                self.fits(place.level)
-            } else {
-                f64::INFINITY
-            };
-            return uniform(place.bounds, until, value);
+            // The parent comes in when the footprint has grown.
+            let ahead = Some(self.fits(place.level)).filter(|z| *z > self.z);
+            return uniform(place.bounds, ahead.unwrap_or(f64::INFINITY), value);
         };
         let coarser = place.level - 1;
         match parent {
             Shown::Constant(p) if p.alpha == 0.0 && value.alpha == 0.0 => {
                 uniform(place.bounds, self.fits(coarser), value)
             }
-            Shown::Constant(_) => sampled(coarser, None),
+            Shown::Constant(_) => sampled,
             Shown::Brick(_) => {
                 // Parent samples that touch what lies outside reach into the node by the rim only.
                 let rim = self.tree.header.layout.rim() * self.voxel(coarser) as f64;
@@ -328,7 +310,7 @@ impl<'t, 'r> Walk<'t, 'r> {
                 if inner.contains(cell) {
                     uniform(inner, self.fits(coarser), value)
                 } else {
-                    sampled(coarser, Some(inner))
+                    sampled
                 }
             }
         }

@@ -233,8 +233,10 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         var t_next = max(min(t_cell, leave), t);
         var crossed = (t_plane == vec3(t_cell)) & !parallel;
         if (closed) {
-            // A closed form holds until another pair of levels is mixed.
-            let t_change = exp2(log2_footprint - f32(level) + select(1.0, 0.0, single)) - tree.depth0;
+            // A closed form holds until another pair of levels is mixed; just past that depth, so that rounding cannot
+            // bring the same pair back.
+            let change = exp2(log2_footprint - f32(level) + select(1.0, 0.0, single));
+            let t_change = change * 1.000004 - tree.depth0;
             if (t_change > t && t_change < t_next) {
                 t_next = t_change;
                 crossed = vec3(false);
@@ -253,7 +255,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
                 let p = origin + d * (0.5 * (t + t_next));
                 let scale = exp2(-f32(voxel_shift));
                 let local = clamp((p - vec3<f32>(node_low)) * scale, vec3(0.0), vec3(8.0));
-                samples += 1u;
+                let reads = texture_reads;
                 var light = convert(word, local, tree.texel_offset, tree.gain, s);
                 if (!single) {
                     let coarse_low = (node_low >> vec3(node_shift + 1u)) << vec3(node_shift + 1u);
@@ -262,6 +264,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
                     light.rgb = mix(coarse.rgb, light.rgb, weight);
                     light.a = mix(coarse.a, light.a, weight);
                 }
+                samples += u32(texture_reads != reads);
                 if (light.a > 0.0) {
                     composite(light);
                 }
