@@ -39,7 +39,10 @@ pub(crate) struct BlockColumn<T> {
 
 impl<T> Default for BlockColumn<T> {
     fn default() -> Self {
-        Self { solid: 0..0, slots: Vec::new() }
+        Self {
+            solid: 0..0,
+            slots: Vec::new(),
+        }
     }
 }
 
@@ -73,7 +76,12 @@ impl<T> Blocks<T> {
         let [x, y, _] = extent.lo;
         let size = [extent.hi[0] - x, extent.hi[1] - y];
         debug_assert_eq!(columns.len() as i64, size[0] * size[1]);
-        Self { lo: [x, y], size, columns, outside: BlockColumn::default() }
+        Self {
+            lo: [x, y],
+            size,
+            columns,
+            outside: BlockColumn::default(),
+        }
     }
 
     /// The column at a block position; outside the box there is nothing.
@@ -83,7 +91,9 @@ impl<T> Blocks<T> {
         if i < 0 || j < 0 || i >= self.size[0] || j >= self.size[1] {
             return &self.outside;
         }
-        self.columns.get((j * self.size[0] + i) as usize).unwrap_or(&self.outside)
+        self.columns
+            .get((j * self.size[0] + i) as usize)
+            .unwrap_or(&self.outside)
     }
 
     /// Whether there is nothing in a box of blocks.
@@ -104,9 +114,12 @@ pub(crate) fn block_columns(extent: &CellBox) -> Vec<(i64, i64)> {
     (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))).collect()
 }
 
-/// A dense block of default samples.
+/// A dense block of default samples, made in place.
 pub(crate) fn new_dense<T: Copy + Default>() -> Dense<T> {
-    Box::new([T::default(); BLOCK])
+    match vec![T::default(); BLOCK].into_boxed_slice().try_into() {
+        Ok(dense) => dense,
+        Err(_) => Box::new([T::default(); BLOCK]),
+    }
 }
 
 /// Index in a block of a cell given by its place on the lattice.
@@ -122,8 +135,10 @@ mod tests {
 
     #[test]
     fn slots_come_before_the_solid_range() {
-        let column =
-            BlockColumn { solid: -4..3, slots: vec![(-1, Slot::Dense(new_dense::<u8>())), (5, Slot::Solid)] };
+        let column = BlockColumn {
+            solid: -4..3,
+            slots: vec![(-1, Slot::Dense(new_dense::<u8>())), (5, Slot::Solid)],
+        };
         let kinds: String = (-5..7)
             .map(|z| match column.get(z) {
                 Block::Empty => '.',

@@ -34,7 +34,9 @@ pub enum BuildError {
         voxel: f64,
     },
     /// More trees than a scene may have.
-    #[error("the terrain needs more than {limit} trees of {tree} voxels of {voxel} m: take larger voxels or trees")]
+    #[error(
+        "the terrain needs more than {limit} trees of {tree} voxels of {voxel} m: take larger voxels or trees"
+    )]
     TooManyTrees {
         /// The limit.
         limit: usize,
@@ -79,11 +81,17 @@ pub enum BuildError {
 impl BuildError {
     /// Wraps an error of the operating system on `path`.
     pub(crate) fn io(path: &Path) -> impl FnOnce(io::Error) -> Self + '_ {
-        move |source| Self::Io { path: path.to_path_buf(), source }
+        move |source| Self::Io {
+            path: path.to_path_buf(),
+            source,
+        }
     }
 
     /// Wraps an error of the formats on `path`.
     pub(crate) fn format(path: &Path) -> impl FnOnce(FormatError) -> Self + '_ {
-        move |source| Self::Format { path: path.to_path_buf(), source }
+        move |source| Self::Format {
+            path: path.to_path_buf(),
+            source,
+        }
     }
 }

@@ -24,7 +24,9 @@ pub(crate) fn coarser(fine: &Blocks<Sample>, layout: SampleLayout, cells: &CellB
     let extent = cells.blocks();
     let columns = block_columns(&extent)
         .into_par_iter()
-        .map_init(Vec::new, |buffer, (x, y)| column(fine, layout, x, y, &extent, buffer))
+        .map_init(Vec::new, |buffer, (x, y)| {
+            column(fine, layout, x, y, &extent, buffer)
+        })
         .collect();
     Blocks::new(&extent, columns)
 }
@@ -43,7 +45,11 @@ fn column(
     let under = || (2 * y + first..2 * y + 2).flat_map(|j| (2 * x + first..2 * x + 2).map(move |i| (i, j)));
     for (i, j) in under() {
         let child = fine.column(i, j);
-        let range = if child.solid.is_empty() { (0, 0) } else { (child.solid.start, child.solid.end) };
+        let range = if child.solid.is_empty() {
+            (0, 0)
+        } else {
+            (child.solid.start, child.solid.end)
+        };
         solid = Some(solid.map_or(range, |s| (s.0.max(range.0), s.1.min(range.1))));
         touched.extend(child.slots.iter().map(|s| s.0));
     }
@@ -53,15 +59,24 @@ fn column(
     let solid = if solid.is_empty() { 0..0 } else { solid };
     for (i, j) in under() {
         let child = &fine.column(i, j).solid;
-        touched.extend(child.clone().filter(|z| z.div_euclid(2) < solid.start || *z >= 2 * solid.end));
+        touched.extend(
+            child
+                .clone()
+                .filter(|z| z.div_euclid(2) < solid.start || *z >= 2 * solid.end),
+        );
         touched.extend(child.start..(child.start + 1).min(child.end));
     }
-    let mut heights: Vec<i64> =
-        touched.iter().flat_map(|z| [z.div_euclid(2), (z - first).div_euclid(2)]).collect();
+    let mut heights: Vec<i64> = touched
+        .iter()
+        .flat_map(|z| [z.div_euclid(2), (z - first).div_euclid(2)])
+        .collect();
     heights.sort_unstable();
     heights.dedup();
     let mut slots = Vec::with_capacity(heights.len());
-    for z in heights.into_iter().filter(|z| (extent.lo[2]..extent.hi[2]).contains(z)) {
+    for z in heights
+        .into_iter()
+        .filter(|z| (extent.lo[2]..extent.hi[2]).contains(z))
+    {
         let untouched = |z: i64| {
             let read = 2 * z + first..2 * z + 2;
             under().all(|(i, j)| {
@@ -77,7 +92,10 @@ fn column(
     }
     // A block that came out empty inside the range cannot be: all it reads is solid or has a slot of its own.
     let solid = solid.start.max(extent.lo[2])..solid.end.min(extent.hi[2]);
-    BlockColumn { solid: if solid.is_empty() { 0..0 } else { solid }, slots }
+    BlockColumn {
+        solid: if solid.is_empty() { 0..0 } else { solid },
+        slots,
+    }
 }
 
 /// One coarse block, `None` if it is empty.
@@ -123,7 +141,11 @@ fn block(
 fn read(fine: &Blocks<Sample>, base: [i64; 3], n: i64, buffer: &mut Vec<Sample>) {
     buffer.clear();
     buffer.resize((n * n * n) as usize, Sample::default());
-    let blocks = CellBox { lo: base, hi: base.map(|b| b + n) }.blocks();
+    let blocks = CellBox {
+        lo: base,
+        hi: base.map(|b| b + n),
+    }
+    .blocks();
     for (bx, by) in block_columns(&blocks) {
         let column = fine.column(bx, by);
         for bz in blocks.lo[2]..blocks.hi[2] {

@@ -39,8 +39,14 @@ pub(crate) struct Met {
 
 impl Met {
     fn add(&mut self, cell: [i64; 3]) {
-        let one = CellBox { lo: cell, hi: cell.map(|c| c + 1) };
-        *self = self.with(&Met { count: 1, bounds: Some(one) });
+        let one = CellBox {
+            lo: cell,
+            hi: cell.map(|c| c + 1),
+        };
+        *self = self.with(&Met {
+            count: 1,
+            bounds: Some(one),
+        });
     }
 
     fn with(&self, other: &Met) -> Met {
@@ -51,7 +57,10 @@ impl Met {
             }),
             (a, b) => a.or(b),
         };
-        Met { count: self.count + other.count, bounds }
+        Met {
+            count: self.count + other.count,
+            bounds,
+        }
     }
 }
 
@@ -60,8 +69,11 @@ pub(crate) fn voxelise(sources: &Sources) -> (Blocks<Sample>, Met) {
     let extent = sources.lattice.support(sources.place, 0).blocks();
     let tiles = tiles(&extent);
     let lists = triangles_by_tile(sources, &tiles);
-    let done: Vec<(Vec<BlockColumn<Sample>>, Met)> =
-        tiles.par_iter().zip(&lists).map(|(tile, list)| voxelise_tile(sources, tile, list)).collect();
+    let done: Vec<(Vec<BlockColumn<Sample>>, Met)> = tiles
+        .par_iter()
+        .zip(&lists)
+        .map(|(tile, list)| voxelise_tile(sources, tile, list))
+        .collect();
     let width = extent.hi[0] - extent.lo[0];
     let count = width * (extent.hi[1] - extent.lo[1]);
     let mut columns: Vec<BlockColumn<Sample>> = (0..count).map(|_| BlockColumn::default()).collect();
@@ -82,20 +94,30 @@ fn tiles(extent: &CellBox) -> Vec<CellBox> {
         .flat_map(|y| steps(0).map(move |x| (x, y)))
         .map(|(x, y)| CellBox {
             lo: [x, y, extent.lo[2]],
-            hi: [(x + TILE).min(extent.hi[0]), (y + TILE).min(extent.hi[1]), extent.hi[2]],
+            hi: [
+                (x + TILE).min(extent.hi[0]),
+                (y + TILE).min(extent.hi[1]),
+                extent.hi[2],
+            ],
         })
         .collect()
 }
 
 fn cells(blocks: &CellBox) -> CellBox {
-    CellBox { lo: blocks.lo.map(|b| b * SIDE), hi: blocks.hi.map(|b| b * SIDE) }
+    CellBox {
+        lo: blocks.lo.map(|b| b * SIDE),
+        hi: blocks.hi.map(|b| b * SIDE),
+    }
 }
 
 /// The box of cells around a triangle.
 pub(crate) fn triangle_cells(corners: &[glam::DVec3; 3]) -> CellBox {
     let lo = corners[0].min(corners[1]).min(corners[2]).floor();
     let hi = corners[0].max(corners[1]).max(corners[2]).floor();
-    CellBox { lo: lo.to_array().map(|v| v as i64), hi: hi.to_array().map(|v| v as i64 + 1) }
+    CellBox {
+        lo: lo.to_array().map(|v| v as i64),
+        hi: hi.to_array().map(|v| v as i64 + 1),
+    }
 }
 
 fn triangles_by_tile(sources: &Sources, tiles: &[CellBox]) -> Vec<Vec<u32>> {
@@ -103,16 +125,22 @@ fn triangles_by_tile(sources: &Sources, tiles: &[CellBox]) -> Vec<Vec<u32>> {
     let (Some(first), Some(last)) = (tiles.first(), tiles.last()) else {
         return lists;
     };
-    let all = cells(&CellBox { lo: first.lo, hi: last.hi });
+    let all = cells(&CellBox {
+        lo: first.lo,
+        hi: last.hi,
+    });
     let across = (last.hi[0] - first.lo[0] + TILE - 1) / TILE;
     let tile_cells = TILE * SIDE;
     for number in sources.triangles {
-        let Some(corners) = sources.surfaces.corners(*number as usize) else { continue };
+        let Some(corners) = sources.surfaces.corners(*number as usize) else {
+            continue;
+        };
         let met = triangle_cells(&corners).intersection(&all);
         if met.is_empty() {
             continue;
         }
-        let range = |k: usize| (met.lo[k] - all.lo[k]) / tile_cells..(met.hi[k] - 1 - all.lo[k]) / tile_cells + 1;
+        let range =
+            |k: usize| (met.lo[k] - all.lo[k]) / tile_cells..(met.hi[k] - 1 - all.lo[k]) / tile_cells + 1;
         for j in range(1) {
             for i in range(0) {
                 lists[(j * across + i) as usize].push(*number);
@@ -149,7 +177,9 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, triangles: &[u32]) -> (Vec<B
     let clip = cells(tile);
     for number in triangles {
         let number = *number as usize;
-        let (Some(corners), Some(shader)) = (sources.surfaces.corners(number), sources.surfaces.shader(number)) else {
+        let (Some(corners), Some(shader)) =
+            (sources.surfaces.corners(number), sources.surfaces.shader(number))
+        else {
             continue;
         };
         for_each_cell(&corners, &clip, |cell| {
@@ -175,12 +205,18 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, triangles: &[u32]) -> (Vec<B
             heights.dedup();
             let mut slots = Vec::with_capacity(heights.len());
             for z in heights {
-                let facets = with_facets.binary_search_by_key(&z, |f| f.0).ok().map(|k| &**with_facets[k].1);
+                let facets = with_facets
+                    .binary_search_by_key(&z, |f| f.0)
+                    .ok()
+                    .map(|k| &**with_facets[k].1);
                 if let Some(dense) = column.block([x, y, z], facets, &own, &mut met) {
                     slots.push((z, Slot::Dense(dense)));
                 }
             }
-            BlockColumn { solid: column.solid, slots }
+            BlockColumn {
+                solid: column.solid,
+                slots,
+            }
         })
         .collect();
     (columns, met)
@@ -199,14 +235,21 @@ struct GroundColumn {
 
 impl GroundColumn {
     fn new(sources: &Sources, x: i64, y: i64, tile: &CellBox) -> Self {
-        let nothing = Self { layers: Vec::new(), bottom: 0, solid: 0..0, dense: 0..0 };
+        let nothing = Self {
+            layers: Vec::new(),
+            bottom: 0,
+            solid: 0..0,
+            dense: 0..0,
+        };
         let Some(bottom) = (sources.bottom)(sources.lattice.column_of(x * SIDE, y * SIDE)) else {
             return nothing;
         };
         let layers: Vec<[Option<Ground>; 64]> = sources
             .grids
             .iter()
-            .map(|grid| std::array::from_fn(|k| grid.ground(x * SIDE + k as i64 % SIDE, y * SIDE + k as i64 / SIDE)))
+            .map(|grid| {
+                std::array::from_fn(|k| grid.ground(x * SIDE + k as i64 % SIDE, y * SIDE + k as i64 / SIDE))
+            })
             .filter(|layer: &[Option<Ground>; 64]| layer.iter().any(Option::is_some))
             .collect();
         if layers.is_empty() {
@@ -221,9 +264,22 @@ impl GroundColumn {
         let end = clamp(highest.div_euclid(SIDE) + 1);
         let whole = clamp((bottom + SIDE - 1).div_euclid(SIDE));
         // A column with holes, or one whose bottom cuts a block, is dense all the way down.
-        let solid = if closed && whole == first { whole..clamp(lowest.div_euclid(SIDE)).max(whole) } else { 0..0 };
-        let dense = if solid.is_empty() { first..end } else { solid.end..end };
-        Self { layers, bottom, solid, dense }
+        let solid = if closed && whole == first {
+            whole..clamp(lowest.div_euclid(SIDE)).max(whole)
+        } else {
+            0..0
+        };
+        let dense = if solid.is_empty() {
+            first..end
+        } else {
+            solid.end..end
+        };
+        Self {
+            layers,
+            bottom,
+            solid,
+            dense,
+        }
     }
 
     /// The samples of a block, `None` if nothing is in it. Own cells that a surface meets are counted.
@@ -237,7 +293,10 @@ impl GroundColumn {
         let mut dense = new_dense::<Sample>();
         let mut any = false;
         for k in 0..(SIDE * SIDE) as usize {
-            let (x, y) = (block[0] * SIDE + k as i64 % SIDE, block[1] * SIDE + k as i64 / SIDE);
+            let (x, y) = (
+                block[0] * SIDE + k as i64 % SIDE,
+                block[1] * SIDE + k as i64 / SIDE,
+            );
             for i in 0..SIDE {
                 let z = block[2] * SIDE + i;
                 let at = i as usize * 64 + k;
@@ -273,7 +332,11 @@ impl GroundColumn {
             }
         }
         if sum == 0.0 && facets.is_none() {
-            return if look.solid == 1.0 { Sample::DEEP } else { Sample::default() };
+            return if look.solid == 1.0 {
+                Sample::DEEP
+            } else {
+                Sample::default()
+            };
         }
         if let Some(f) = facets {
             look.skin = f.skin;

@@ -52,29 +52,36 @@ impl Ground {
     pub(crate) fn filled(&self, z: i64) -> f32 {
         const SHARE: [f64; 5] = [0.125, 0.125, 0.125, 0.125, 0.5];
         let z = z as f64;
-        self.heights.iter().zip(SHARE).map(|(h, w)| (h - z).clamp(0.0, 1.0) * w).sum::<f64>() as f32
+        self.heights
+            .iter()
+            .zip(SHARE)
+            .map(|(h, w)| (h - z).clamp(0.0, 1.0) * w)
+            .sum::<f64>() as f32
     }
 }
 
 impl Layer {
     /// Height in cell coordinates over a point given in them, NaN where there is none.
     fn height(&self, lattice: &Lattice, x: f64, y: f64) -> f64 {
-        let height = self.map.height_at(lattice.to_world(x), lattice.to_world(y));
-        height.map_or(f64::NAN, |z| lattice.to_cell(z))
+        let height = self.map.height_at(lattice.world_of(x), lattice.world_of(y));
+        height.map_or(f64::NAN, |z| lattice.cell_of(z))
     }
 
     /// The rectangle of cells that the map may reach.
     pub(crate) fn extent(&self, lattice: &Lattice) -> ([i64; 2], [i64; 2]) {
         let (min, max) = self.map.bounds();
-        let lo = min.to_array().map(|v| lattice.to_cell(v).floor() as i64 - 1);
-        let hi = max.to_array().map(|v| lattice.to_cell(v).ceil() as i64 + 1);
+        let lo = min.to_array().map(|v| lattice.cell_of(v).floor() as i64 - 1);
+        let hi = max.to_array().map(|v| lattice.cell_of(v).ceil() as i64 + 1);
         (lo, hi)
     }
 
     /// Least and greatest height (cell coordinates) that the columns of a rectangle of cells have, if any.
     pub(crate) fn range(&self, lattice: &Lattice, lo: [i64; 2], hi: [i64; 2]) -> Option<(f64, f64)> {
         let (l, h) = self.extent(lattice);
-        let (lo, hi) = ([lo[0].max(l[0]), lo[1].max(l[1])], [hi[0].min(h[0]), hi[1].min(h[1])]);
+        let (lo, hi) = (
+            [lo[0].max(l[0]), lo[1].max(l[1])],
+            [hi[0].min(h[0]), hi[1].min(h[1])],
+        );
         let merge = |a: (f64, f64, bool), b: (f64, f64, bool)| (a.0.min(b.0), a.1.max(b.1), a.2 || b.2);
         let none = (f64::INFINITY, f64::NEG_INFINITY, false);
         let point = |x: f64, y: f64, counts: bool| match self.height(lattice, x, y) {
@@ -89,7 +96,11 @@ impl Layer {
                     let inside = x < hi[0] && y < hi[1];
                     let (x, y) = (x as f64, y as f64);
                     let range = merge(range, point(x, y, false));
-                    if inside { merge(range, point(x + 0.5, y + 0.5, true)) } else { range }
+                    if inside {
+                        merge(range, point(x + 0.5, y + 0.5, true))
+                    } else {
+                        range
+                    }
                 })
             })
             .reduce(|| none, merge);
@@ -98,11 +109,14 @@ impl Layer {
 
     fn color(&self, lattice: &Lattice, x: i64, y: i64, height: f64, up: f32) -> [f32; 3] {
         let (x, y) = (x as f64, y as f64);
-        let [x0, x1, y0, y1] = [x, x + 1.0, y, y + 1.0].map(|v| lattice.to_world(v));
-        let picture = self.imagery.as_ref().and_then(|i| i.color_at_area(x0, y0, x1, y1));
+        let [x0, x1, y0, y1] = [x, x + 1.0, y, y + 1.0].map(|v| lattice.world_of(v));
+        let picture = self
+            .imagery
+            .as_ref()
+            .and_then(|i| i.color_at_area(x0, y0, x1, y1));
         let [r, g, b, a] = picture.filter(|c| c[3] > 0.0).unwrap_or_else(|| {
             let (min, max) = self.map.min_max();
-            let above = (lattice.to_world(height) as f32 - min) / (max - min).max(f32::MIN_POSITIVE);
+            let above = (lattice.world_of(height) as f32 - min) / (max - min).max(f32::MIN_POSITIVE);
             ramp_color(above, up)
         });
         [r / a, g / a, b / a]
@@ -123,18 +137,31 @@ impl GroundGrid {
             .flat_map_iter(|j| (0..=size[0]).map(move |i| (i, j)))
             .map(|(i, j)| layer.height(lattice, (lo[0] + i) as f64, (lo[1] + j) as f64))
             .collect();
-        let mut grid = Self { lo, size, corners, columns: Vec::new() };
+        let mut grid = Self {
+            lo,
+            size,
+            corners,
+            columns: Vec::new(),
+        };
         let column = |(i, j): (i64, i64)| {
             let (x, y) = (lo[0] + i, lo[1] + j);
             let centre = layer.height(lattice, x as f64 + 0.5, y as f64 + 0.5);
             if centre.is_nan() {
-                return Column { centre, rgb: [0.0; 3], normal: [0.0; 3] };
+                return Column {
+                    centre,
+                    rgb: [0.0; 3],
+                    normal: [0.0; 3],
+                };
             }
             let [a, b, c, d] = grid.corner_heights(i, j, centre);
             let slope = [(b + d - a - c) * 0.5, (c + d - a - b) * 0.5];
             let normal = DVec3::new(-slope[0], -slope[1], 1.0).normalize().as_vec3();
             let rgb = layer.color(lattice, x, y, centre, normal.z);
-            Column { centre, rgb, normal: normal.to_array() }
+            Column {
+                centre,
+                rgb,
+                normal: normal.to_array(),
+            }
         };
         let columns: Vec<Column> = (0..size[1])
             .into_par_iter()
@@ -161,7 +188,10 @@ impl GroundGrid {
         if i < 0 || j < 0 || i >= self.size[0] || j >= self.size[1] {
             return None;
         }
-        let column = self.columns.get((j * self.size[0] + i) as usize).filter(|c| !c.centre.is_nan())?;
+        let column = self
+            .columns
+            .get((j * self.size[0] + i) as usize)
+            .filter(|c| !c.centre.is_nan())?;
         let [a, b, c, d] = self.corner_heights(i, j, column.centre);
         let heights = [a, b, c, d, column.centre];
         let least = heights.iter().copied().fold(f64::INFINITY, f64::min);
@@ -189,19 +219,33 @@ impl Hints {
     /// Of the finest level over a rectangle of cells; the first layer with ground counts.
     pub(crate) fn finest(grids: &[GroundGrid], area: &CellBox) -> Self {
         let [x0, y0, _] = area.lo;
-        let size = if grids.is_empty() { [0, 0] } else { [area.hi[0] - x0, area.hi[1] - y0] };
+        let size = if grids.is_empty() {
+            [0, 0]
+        } else {
+            [area.hi[0] - x0, area.hi[1] - y0]
+        };
         let color = |(i, j): (i64, i64)| {
             let ground = grids.iter().find_map(|g| g.ground(x0 + i, y0 + j));
             ground.map_or([0.0; 4], |g| [g.rgb[0], g.rgb[1], g.rgb[2], 1.0])
         };
-        let cells = (0..size[1]).into_par_iter().flat_map_iter(|j| (0..size[0]).map(move |i| (i, j)));
-        Self { lo: [x0, y0], size, colors: cells.map(color).collect() }
+        let cells = (0..size[1])
+            .into_par_iter()
+            .flat_map_iter(|j| (0..size[0]).map(move |i| (i, j)));
+        Self {
+            lo: [x0, y0],
+            size,
+            colors: cells.map(color).collect(),
+        }
     }
 
     /// Of the next coarser mip, over a rectangle of its cells.
     pub(crate) fn coarser(&self, layout: SampleLayout, area: &CellBox) -> Self {
         let [x0, y0, _] = area.lo;
-        let size = if self.colors.is_empty() { [0, 0] } else { [area.hi[0] - x0, area.hi[1] - y0] };
+        let size = if self.colors.is_empty() {
+            [0, 0]
+        } else {
+            [area.hi[0] - x0, area.hi[1] - y0]
+        };
         let taps: &[(i64, f32)] = match layout {
             SampleLayout::Centre => &[(0, 0.5), (1, 0.5)],
             SampleLayout::Corner => &[(-1, 0.25), (0, 0.5), (1, 0.25)],
@@ -216,8 +260,14 @@ impl Hints {
             }
             sum
         };
-        let cells = (0..size[1]).into_par_iter().flat_map_iter(|j| (0..size[0]).map(move |i| (i, j)));
-        Self { lo: [x0, y0], size, colors: cells.map(color).collect() }
+        let cells = (0..size[1])
+            .into_par_iter()
+            .flat_map_iter(|j| (0..size[0]).map(move |i| (i, j)));
+        Self {
+            lo: [x0, y0],
+            size,
+            colors: cells.map(color).collect(),
+        }
     }
 
     fn at(&self, x: i64, y: i64) -> [f32; 4] {
@@ -225,7 +275,10 @@ impl Hints {
         if i < 0 || j < 0 || i >= self.size[0] || j >= self.size[1] {
             return [0.0; 4];
         }
-        self.colors.get((j * self.size[0] + i) as usize).copied().unwrap_or_default()
+        self.colors
+            .get((j * self.size[0] + i) as usize)
+            .copied()
+            .unwrap_or_default()
     }
 
     /// The colour of the column of cells at (x, y), straight linear light.

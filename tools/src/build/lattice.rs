@@ -52,17 +52,17 @@ impl Lattice {
     }
 
     /// Cell coordinate of a world coordinate.
-    pub(crate) fn to_cell(&self, world: f64) -> f64 {
+    pub(crate) fn cell_of(&self, world: f64) -> f64 {
         world / self.voxel + self.shift()
     }
 
     /// World coordinate, metres, of a cell coordinate.
-    pub(crate) fn to_world(&self, cell: f64) -> f64 {
+    pub(crate) fn world_of(&self, cell: f64) -> f64 {
         (cell - self.shift()) * self.voxel
     }
 
     /// Cell coordinates of a world position.
-    pub(crate) fn point_to_cell(&self, world: DVec3) -> DVec3 {
+    pub(crate) fn cells_of(&self, world: DVec3) -> DVec3 {
         world / self.voxel + self.shift()
     }
 
@@ -99,7 +99,10 @@ impl Lattice {
 
     /// A tree's own finest cells.
     pub(crate) fn own(&self, place: TreePlace) -> CellBox {
-        CellBox { lo: place.origin, hi: place.origin.map(|o| o + self.side()) }
+        CellBox {
+            lo: place.origin,
+            hi: place.origin.map(|o| o + self.side()),
+        }
     }
 
     /// Name of a tree's folder. Z counts root voxels.
@@ -145,8 +148,14 @@ mod tests {
     #[test]
     fn support_of_a_level_covers_what_the_next_coarser_one_reads() {
         for layout in [SampleLayout::Corner, SampleLayout::Centre] {
-            let lattice = Lattice { voxel: 0.5, depth: 4, layout };
-            let place = TreePlace { origin: [-128, 256, -48] };
+            let lattice = Lattice {
+                voxel: 0.5,
+                depth: 4,
+                layout,
+            };
+            let place = TreePlace {
+                origin: [-128, 256, -48],
+            };
             for mip in 0..4 {
                 let (fine, coarse) = (lattice.support(place, mip), lattice.stored(place, mip + 1));
                 let taps = match layout {
@@ -163,11 +172,18 @@ mod tests {
 
     #[test]
     fn a_corner_sample_stands_for_the_half_voxels_around_it() {
-        let corner = Lattice { voxel: 2.0, depth: 0, layout: SampleLayout::Corner };
-        assert_eq!((corner.to_cell(7.0), corner.to_cell(8.9)), (4.0, 4.95));
-        assert_eq!(corner.to_world(4.0), 7.0);
-        let centre = Lattice { layout: SampleLayout::Centre, ..corner };
-        assert_eq!(centre.to_cell(8.0), 4.0);
+        let corner = Lattice {
+            voxel: 2.0,
+            depth: 0,
+            layout: SampleLayout::Corner,
+        };
+        assert_eq!((corner.cell_of(7.0), corner.cell_of(8.9)), (4.0, 4.95));
+        assert_eq!(corner.world_of(4.0), 7.0);
+        let centre = Lattice {
+            layout: SampleLayout::Centre,
+            ..corner
+        };
+        assert_eq!(centre.cell_of(8.0), 4.0);
         assert_eq!(centre.tree_name(TreePlace { origin: [-8, 8, -3] }), "x-1_y1_z-3");
     }
 }

@@ -63,7 +63,11 @@ impl Manifest {
     pub(crate) fn new(arguments: Arguments, inputs: &[(&'static str, &Path)]) -> Result<Self, BuildError> {
         let inputs = inputs.iter().map(|(role, path)| {
             let meta = fs::metadata(path).map_err(BuildError::io(path))?;
-            let time = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok()).unwrap_or_default();
+            let time = meta
+                .modified()
+                .ok()
+                .and_then(|t| t.duration_since(UNIX_EPOCH).ok())
+                .unwrap_or_default();
             Ok(InputFile {
                 role,
                 path: path.to_path_buf(),
@@ -72,7 +76,12 @@ impl Manifest {
             })
         });
         let inputs = inputs.collect::<Result<_, BuildError>>()?;
-        Ok(Self { format: FORMAT, version: VERSION, arguments, inputs })
+        Ok(Self {
+            format: FORMAT,
+            version: VERSION,
+            arguments,
+            inputs,
+        })
     }
 
     fn text(&self, path: &Path) -> Result<String, BuildError> {
@@ -117,7 +126,10 @@ fn is_ours(manifest: &[u8]) -> bool {
 fn remove_ours(out: &Path) -> Result<(), BuildError> {
     let trees = out.join(TREES);
     if let Ok(entries) = fs::read_dir(&trees) {
-        for entry in entries.flatten().filter(|e| is_tree_name(&e.file_name().to_string_lossy())) {
+        for entry in entries
+            .flatten()
+            .filter(|e| is_tree_name(&e.file_name().to_string_lossy()))
+        {
             remove_tree(&entry.path())?;
         }
     }
@@ -152,7 +164,8 @@ fn is_tree_name(name: &str) -> bool {
     let parts: Vec<&str> = name.split('_').collect();
     parts.len() == 3
         && parts.iter().zip(["x", "y", "z"]).all(|(part, axis)| {
-            part.strip_prefix(axis).is_some_and(|number| number.parse::<i64>().is_ok())
+            part.strip_prefix(axis)
+                .is_some_and(|number| number.parse::<i64>().is_ok())
         })
 }
 

@@ -152,7 +152,15 @@ pub fn build(args: &BuildArgs, progress: &dyn Progress) -> Result<BuildReport, B
         if !(1e-9..=1e9).contains(&voxel) {
             return Err(BuildError::Voxel(voxel));
         }
-        inputs.build(args, Lattice { voxel, depth, layout: args.layout }, progress)
+        inputs.build(
+            args,
+            Lattice {
+                voxel,
+                depth,
+                layout: args.layout,
+            },
+            progress,
+        )
     })
 }
 
@@ -182,13 +190,20 @@ struct Inputs {
 
 impl Inputs {
     fn load(args: &BuildArgs) -> Result<Self, BuildError> {
-        let options = HeightOptions { height_unit: args.height_unit, ..HeightOptions::default() };
+        let options = HeightOptions {
+            height_unit: args.height_unit,
+            ..HeightOptions::default()
+        };
         let layers = args.heights.iter().map(|h| {
             let (map, imagery) = load_layer(&h.path, h.imagery.as_deref(), options)?;
             Ok(Layer { map, imagery })
         });
         let layers = layers.collect::<Result<_, BuildError>>()?;
-        let meshes = args.inputs.iter().map(|path| Mesh::load(path, args.up)).collect::<Result<_, _>>()?;
+        let meshes = args
+            .inputs
+            .iter()
+            .map(|path| Mesh::load(path, args.up))
+            .collect::<Result<_, _>>()?;
         Ok(Self { layers, meshes })
     }
 
@@ -201,7 +216,12 @@ impl Inputs {
         })
     }
 
-    fn build(&self, args: &BuildArgs, lattice: Lattice, progress: &dyn Progress) -> Result<BuildReport, BuildError> {
+    fn build(
+        &self,
+        args: &BuildArgs,
+        lattice: Lattice,
+        progress: &dyn Progress,
+    ) -> Result<BuildReport, BuildError> {
         let surfaces = Surfaces::new(&self.meshes, lattice);
         let plan = plan::Plan::new(&lattice, &self.layers, &surfaces)?;
         manifest::claim(&args.out, &manifest(args, &lattice)?, args.force)?;
@@ -213,12 +233,19 @@ impl Inputs {
             encoding: args.encoding,
             chunk_log2: args.chunk_log2,
         };
-        let mut report = BuildReport { voxel: lattice.voxel, ..BuildReport::default() };
+        let mut report = BuildReport {
+            voxel: lattice.voxel,
+            ..BuildReport::default()
+        };
         report.warnings = self.meshes.iter().flat_map(|m| m.warnings.clone()).collect();
         let mut empty = EmptyTrees::load(&args.out);
         let folder = |place| args.out.join(TREES).join(lattice.tree_name(place));
         let finished = |name: &str, folder: &Path| empty.names.contains(name) || folder.is_dir();
-        let done = plan.trees.iter().filter(|p| finished(&lattice.tree_name(**p), &folder(**p))).count();
+        let done = plan
+            .trees
+            .iter()
+            .filter(|p| finished(&lattice.tree_name(**p), &folder(**p)))
+            .count();
         progress.start(plan.trees.len() as u64, done as u64);
         let mut trees = Vec::new();
         let mut new_voxels = 0;
@@ -242,13 +269,20 @@ impl Inputs {
             if let Some(header) = header {
                 report.surface_voxels += header.surface_voxels;
                 let column = lattice.column_of(place.origin[0], place.origin[1]);
-                trees.push(SceneTree { column, file: format!("{TREES}/{name}/{TREE_FILE}"), header });
+                trees.push(SceneTree {
+                    column,
+                    file: format!("{TREES}/{name}/{TREE_FILE}"),
+                    header,
+                });
             }
         }
         report.trees = trees.len();
         empty.write()?;
         let crs = self.layers.iter().find_map(|l| l.map.georef.crs.clone());
-        manifest::write_whole(&args.out.join(SCENE), scene::scene(trees, crs).to_xml().as_bytes())?;
+        manifest::write_whole(
+            &args.out.join(SCENE),
+            scene::scene(trees, crs).to_xml().as_bytes(),
+        )?;
         progress.finish();
         Ok(report)
     }
@@ -259,7 +293,9 @@ fn manifest(args: &BuildArgs, lattice: &Lattice) -> Result<Manifest, BuildError>
         voxel: lattice.voxel,
         tree_voxels: args.tree_voxels,
         up: format!("{:?}", args.up),
-        height_unit: args.height_unit.map_or("as in the file".into(), |u| format!("{u:?}")),
+        height_unit: args
+            .height_unit
+            .map_or("as in the file".into(), |u| format!("{u:?}")),
         layout: format!("{:?}", args.layout),
         encoding: format!("{:?}", args.encoding),
         chunk_log2: args.chunk_log2,
@@ -291,7 +327,11 @@ impl EmptyTrees {
         let text = fs::read_to_string(&path).unwrap_or_default();
         // A line without an end was cut off when it was written.
         let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
-        Self { path, names: whole.lines().map(str::to_string).collect(), file: None }
+        Self {
+            path,
+            names: whole.lines().map(str::to_string).collect(),
+            file: None,
+        }
     }
 
     fn add(&mut self, name: &str) -> Result<(), BuildError> {
@@ -302,7 +342,9 @@ impl EmptyTrees {
         }
         self.names.insert(name.to_string());
         match &mut self.file {
-            Some(file) => file.write_all(format!("{name}\n").as_bytes()).map_err(BuildError::io(&self.path)),
+            Some(file) => file
+                .write_all(format!("{name}\n").as_bytes())
+                .map_err(BuildError::io(&self.path)),
             None => Ok(()),
         }
     }

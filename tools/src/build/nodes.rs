@@ -25,7 +25,10 @@ pub(crate) enum State {
     Constant { color: [u8; 4], deep: bool },
 }
 
-const EMPTY: State = State::Constant { color: [0; 4], deep: false };
+const EMPTY: State = State::Constant {
+    color: [0; 4],
+    deep: false,
+};
 
 /// Nodes above one another.
 struct NodeColumn {
@@ -51,7 +54,10 @@ impl LevelNodes {
         };
         match column.known.binary_search_by_key(&p.z, |k| k.0) {
             Ok(k) => column.known[k].1,
-            Err(_) if column.solid.contains(&p.z) => State::Constant { color: column.color, deep: true },
+            Err(_) if column.solid.contains(&p.z) => State::Constant {
+                color: column.color,
+                deep: true,
+            },
             Err(_) => EMPTY,
         }
     }
@@ -95,15 +101,26 @@ pub(crate) fn level_nodes(
             let (base, n) = node_cube(lattice, place, level, at);
             let (mut known, solid) = near(texels, base, n, side);
             for o in [0, 1, 2, 3].map(octant_offset) {
-                let child = finer.and_then(|f| f.columns.get(((at.y * 2 + o.y) * f.side + at.x * 2 + o.x) as usize));
+                let child = finer.and_then(|f| {
+                    f.columns
+                        .get(((at.y * 2 + o.y) * f.side + at.x * 2 + o.x) as usize)
+                });
                 known.extend(child.iter().flat_map(|c| c.known.iter().map(|n| n.0 / 2)));
             }
             known.sort_unstable();
             known.dedup();
             let low = i64::from(lattice.layout.low_apron());
             let rgb = hints.mean([base[0] + low, base[1] + low], SIDE);
-            let color = Sample::new(&Look { solid: 1.0, ..Look::default() }).texel(rgb).color;
+            let color = Sample::new(&Look {
+                solid: 1.0,
+                ..Look::default()
+            })
+            .texel(rgb)
+            .color;
             let states = known.into_iter().map(|z| {
+                if texels.mixed([base[0] + low, base[1] + low, base[2] + low + SIDE * i64::from(z)]) {
+                    return (z, State::Brick);
+                }
                 texels.gather([base[0], base[1], base[2] + SIDE * i64::from(z)], n, cube);
                 let own = match likeness(cube) {
                     Likeness::Mixed => return (z, State::Brick),
@@ -115,7 +132,11 @@ pub(crate) fn level_nodes(
                 });
                 (z, if alike { own } else { State::Brick })
             });
-            NodeColumn { known: states.collect(), solid, color }
+            NodeColumn {
+                known: states.collect(),
+                solid,
+                color,
+            }
         })
         .collect();
     LevelNodes { side, columns }
@@ -123,9 +144,13 @@ pub(crate) fn level_nodes(
 
 fn agree(own: State, child: State) -> bool {
     match (own, child) {
-        (State::Constant { color: a, deep }, State::Constant { color: b, deep: child_deep }) => {
-            deep == child_deep && (deep || a == b)
-        }
+        (
+            State::Constant { color: a, deep },
+            State::Constant {
+                color: b,
+                deep: child_deep,
+            },
+        ) => deep == child_deep && (deep || a == b),
         _ => false,
     }
 }
@@ -134,7 +159,9 @@ fn agree(own: State, child: State) -> bool {
 fn near(texels: &TexelLevel, base: [i64; 3], n: i64, side: u32) -> (Vec<u32>, Range<u32>) {
     let blocks = |k: usize| base[k].div_euclid(SIDE)..(base[k] + n - 1).div_euclid(SIDE) + 1;
     let columns = || blocks(1).flat_map(|y| blocks(0).map(move |x| texels.blocks().column(x, y)));
-    let solid = columns().fold(i64::MIN..i64::MAX, |s, c| s.start.max(c.solid.start)..s.end.min(c.solid.end));
+    let solid = columns().fold(i64::MIN..i64::MAX, |s, c| {
+        s.start.max(c.solid.start)..s.end.min(c.solid.end)
+    });
     let solid = if solid.is_empty() { 0..0 } else { solid };
     let mut marked: Vec<i64> = Vec::new();
     for column in columns() {
@@ -152,9 +179,15 @@ fn near(texels: &TexelLevel, base: [i64; 3], n: i64, side: u32) -> (Vec<u32>, Ra
         let last = (SIDE * block + SIDE - 1 - base[2]).div_euclid(SIDE);
         near.extend((first.max(0)..=last.min(i64::from(side) - 1)).map(|z| z as u32));
     }
-    let first = (SIDE * solid.start - base[2] + SIDE - 1).div_euclid(SIDE).clamp(0, i64::from(side));
+    let first = (SIDE * solid.start - base[2] + SIDE - 1)
+        .div_euclid(SIDE)
+        .clamp(0, i64::from(side));
     let end = ((SIDE * solid.end - n - base[2]).div_euclid(SIDE) + 1).clamp(first, i64::from(side));
-    let run = if solid.is_empty() { 0..0 } else { first as u32..end as u32 };
+    let run = if solid.is_empty() {
+        0..0
+    } else {
+        first as u32..end as u32
+    };
     (near, run)
 }
 
@@ -163,7 +196,10 @@ fn near(texels: &TexelLevel, base: [i64; 3], n: i64, side: u32) -> (Vec<u32>, Ra
 /// # Errors
 /// If a level has more nodes than the format can count.
 pub(crate) fn octree(header: TreeHeader, levels: &[LevelNodes]) -> Result<Octree, FormatError> {
-    let mut tree = Octree { header, levels: Vec::with_capacity(levels.len()) };
+    let mut tree = Octree {
+        header,
+        levels: Vec::with_capacity(levels.len()),
+    };
     let mut positions = vec![UVec3::ZERO];
     for (level, states) in levels.iter().enumerate() {
         let (mut tiles, mut bricks) = (0, 0);

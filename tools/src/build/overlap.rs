@@ -33,7 +33,11 @@ fn edges(v: &[DVec3; 3], normal: DVec3, r: usize, extent: f64) -> [Edge; 3] {
         let (from, to) = (v[k], v[(k + 1) % 3]);
         let (a, b) = (-(to[q] - from[q]) * turn, (to[p] - from[p]) * turn);
         let band = 8.0 * f64::EPSILON * (a.abs() + b.abs()) * (1.0 + extent);
-        Edge { a, b, d: a.max(0.0) + b.max(0.0) - (a * from[p] + b * from[q]) + band }
+        Edge {
+            a,
+            b,
+            d: a.max(0.0) + b.max(0.0) - (a * from[p] + b * from[q]) + band,
+        }
     })
 }
 
@@ -66,7 +70,7 @@ pub(crate) fn for_each_cell(triangle: &[DVec3; 3], clip: &CellBox, mut visit: im
     } else {
         2
     };
-    if !(size[c] > 0.0) {
+    if size[c] == 0.0 || !size[c].is_finite() {
         return;
     }
     let (a, b) = ((c + 1) % 3, (c + 2) % 3);
@@ -152,9 +156,16 @@ mod tests {
     fn separation(v: &[DVec3; 3], cell: DVec3) -> f64 {
         let e = [v[1] - v[0], v[2] - v[1], v[0] - v[2]];
         let mut axes = vec![DVec3::X, DVec3::Y, DVec3::Z, e[0].cross(e[1])];
-        axes.extend(e.iter().flat_map(|e| [DVec3::X, DVec3::Y, DVec3::Z].map(|u| e.cross(u))));
+        axes.extend(
+            e.iter()
+                .flat_map(|e| [DVec3::X, DVec3::Y, DVec3::Z].map(|u| e.cross(u))),
+        );
         let mut gap = f64::NEG_INFINITY;
-        for axis in axes.into_iter().filter(|a| a.length() > 1e-9).map(DVec3::normalize) {
+        for axis in axes
+            .into_iter()
+            .filter(|a| a.length() > 1e-9)
+            .map(DVec3::normalize)
+        {
             let t = v.map(|p| p.dot(axis));
             let middle = (cell + 0.5).dot(axis);
             let radius = 0.5 * (axis.x.abs() + axis.y.abs() + axis.z.abs());
@@ -228,8 +239,15 @@ mod tests {
 
     #[test]
     fn a_triangle_in_a_plane_between_cells_meets_the_upper_ones() {
-        let flat = [DVec3::new(0.5, 0.5, 3.0), DVec3::new(2.5, 0.5, 3.0), DVec3::new(0.5, 2.5, 3.0)];
-        let clip = CellBox { lo: [-9; 3], hi: [9; 3] };
+        let flat = [
+            DVec3::new(0.5, 0.5, 3.0),
+            DVec3::new(2.5, 0.5, 3.0),
+            DVec3::new(0.5, 2.5, 3.0),
+        ];
+        let clip = CellBox {
+            lo: [-9; 3],
+            hi: [9; 3],
+        };
         let mut heights = BTreeSet::new();
         for_each_cell(&flat, &clip, |c| {
             heights.insert(c[2]);

@@ -51,7 +51,9 @@ impl Plan {
             add_layer(lattice, layer, &mut columns)?;
         }
         if surfaces.len() > u32::MAX as usize {
-            return Err(BuildError::TooManyTriangles { triangles: surfaces.len() });
+            return Err(BuildError::TooManyTriangles {
+                triangles: surfaces.len(),
+            });
         }
         for number in 0..surfaces.len() {
             if let Some(corners) = surfaces.corners(number) {
@@ -64,9 +66,15 @@ impl Plan {
             let side = lattice.side();
             let count = ((hi - lo + side - 1) / side) as usize;
             if trees.len() + count > MAX_TREES {
-                return Err(BuildError::TooManyTrees { limit: MAX_TREES, voxel: lattice.voxel, tree: side });
+                return Err(BuildError::TooManyTrees {
+                    limit: MAX_TREES,
+                    voxel: lattice.voxel,
+                    tree: side,
+                });
             }
-            trees.extend((0..count as i64).map(|k| TreePlace { origin: [x * side, y * side, lo + k * side] }));
+            trees.extend((0..count as i64).map(|k| TreePlace {
+                origin: [x * side, y * side, lo + k * side],
+            }));
         }
         Ok(Self { columns, trees })
     }
@@ -81,15 +89,26 @@ fn check(lattice: &Lattice, p: DVec3) -> Result<(), BuildError> {
     if p.abs().max_element() <= MAX_CELL {
         Ok(())
     } else {
-        Err(BuildError::TooLarge { metres: p.abs().max_element() * lattice.voxel, voxel: lattice.voxel })
+        Err(BuildError::TooLarge {
+            metres: p.abs().max_element() * lattice.voxel,
+            voxel: lattice.voxel,
+        })
     }
 }
 
 type Columns = BTreeMap<(i64, i64), TreeColumn>;
 
-fn column<'a>(lattice: &Lattice, columns: &'a mut Columns, at: (i64, i64)) -> Result<&'a mut TreeColumn, BuildError> {
+fn column<'a>(
+    lattice: &Lattice,
+    columns: &'a mut Columns,
+    at: (i64, i64),
+) -> Result<&'a mut TreeColumn, BuildError> {
     if columns.len() >= MAX_TREES && !columns.contains_key(&at) {
-        return Err(BuildError::TooManyTrees { limit: MAX_TREES, voxel: lattice.voxel, tree: lattice.side() });
+        return Err(BuildError::TooManyTrees {
+            limit: MAX_TREES,
+            voxel: lattice.voxel,
+            tree: lattice.side(),
+        });
     }
     Ok(columns.entry(at).or_default())
 }
@@ -97,12 +116,19 @@ fn column<'a>(lattice: &Lattice, columns: &'a mut Columns, at: (i64, i64)) -> Re
 fn add_layer(lattice: &Lattice, layer: &Layer, columns: &mut Columns) -> Result<(), BuildError> {
     let (min, max) = layer.map.bounds();
     let (low, high) = layer.map.min_max();
-    check(lattice, lattice.point_to_cell(min.extend(low.into())))?;
-    check(lattice, lattice.point_to_cell(max.extend(high.into())))?;
+    check(lattice, lattice.cells_of(min.extend(low.into())))?;
+    check(lattice, lattice.cells_of(max.extend(high.into())))?;
     let (lo, hi) = layer.extent(lattice);
-    let (first, last) = (lattice.column_of(lo[0], lo[1]), lattice.column_of(hi[0] - 1, hi[1] - 1));
+    let (first, last) = (
+        lattice.column_of(lo[0], lo[1]),
+        lattice.column_of(hi[0] - 1, hi[1] - 1),
+    );
     if (last.0 - first.0 + 1).saturating_mul(last.1 - first.1 + 1) > MAX_TREES as i64 {
-        return Err(BuildError::TooManyTrees { limit: MAX_TREES, voxel: lattice.voxel, tree: lattice.side() });
+        return Err(BuildError::TooManyTrees {
+            limit: MAX_TREES,
+            voxel: lattice.voxel,
+            tree: lattice.side(),
+        });
     }
     let (n, r) = (lattice.side(), lattice.root_voxel());
     for y in first.1..=last.1 {
@@ -145,7 +171,9 @@ fn add_triangle(
             }
             let column = column(lattice, columns, (x, y))?;
             column.triangles.push(number);
-            if let Some((low, high)) = heights_inside(corners, [own[0] - 1.0, own[1] - 1.0, own[2] + 1.0, own[3] + 1.0]) {
+            if let Some((low, high)) =
+                heights_inside(corners, [own[0] - 1.0, own[1] - 1.0, own[2] + 1.0, own[3] + 1.0])
+            {
                 let root = |z: f64| (z.floor() as i64).div_euclid(r);
                 column.cover((root(low) - 1) * r, (root(high) + 2) * r);
             }
@@ -174,7 +202,10 @@ fn heights_inside(triangle: &[DVec3; 3], rectangle: [f64; 4]) -> Option<(f64, f6
         polygon = clipped;
     }
     let heights = || polygon.iter().map(|p| p.z);
-    let range = (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
+    let range = (
+        heights().fold(f64::INFINITY, f64::min),
+        heights().fold(f64::NEG_INFINITY, f64::max),
+    );
     (range.0 <= range.1).then_some(range)
 }
 
@@ -184,7 +215,11 @@ mod tests {
 
     #[test]
     fn heights_inside_a_rectangle() {
-        let t = [DVec3::new(0.0, 0.0, 0.0), DVec3::new(10.0, 0.0, 10.0), DVec3::new(0.0, 10.0, 0.0)];
+        let t = [
+            DVec3::new(0.0, 0.0, 0.0),
+            DVec3::new(10.0, 0.0, 10.0),
+            DVec3::new(0.0, 10.0, 0.0),
+        ];
         assert_eq!(heights_inside(&t, [2.0, 0.0, 4.0, 1.0]), Some((2.0, 4.0)));
         assert_eq!(heights_inside(&t, [6.0, 6.0, 8.0, 8.0]), None);
         assert_eq!(heights_inside(&t, [-5.0, -5.0, 50.0, 50.0]), Some((0.0, 10.0)));

@@ -47,7 +47,9 @@ impl Progress for IndicatifProgress {
         };
         let template = "{bar:32} {pos}/{len} trees  {msg}  {rate}  {elapsed} gone, {eta} left";
         let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-        let bar = ProgressBar::new(trees).with_style(style.with_key("rate", rate)).with_position(finished);
+        let bar = ProgressBar::new(trees)
+            .with_style(style.with_key("rate", rate))
+            .with_position(finished);
         bar.reset_eta();
         if let Ok(mut slot) = self.bar.lock() {
             *slot = Some(bar);
@@ -57,7 +59,11 @@ impl Progress for IndicatifProgress {
     fn tree(&self, voxels: u64) {
         self.with(|bar| {
             let per_second = voxels as f64 / bar.elapsed().as_secs_f64().max(1e-3);
-            bar.set_message(format!("{} voxels ({:.2} M/s)", HumanCount(voxels), per_second / 1e6));
+            bar.set_message(format!(
+                "{} voxels ({:.2} M/s)",
+                HumanCount(voxels),
+                per_second / 1e6
+            ));
             bar.inc(1);
         });
     }

@@ -39,9 +39,20 @@ fn code(v: f32, one: f32) -> u16 {
     (v * one + 0.5) as u16
 }
 
+/// The nearest code of a signed value; a call to `round` would cost more than the rest.
+fn signed_code(v: f32) -> i16 {
+    ((v + 32768.5) as i32 - 32768) as i16
+}
+
 impl Sample {
     /// Solid all through, met by no surface.
-    pub(crate) const DEEP: Sample = Sample { weight: 0.0, skin: 0, solid: SOLID, rgb: [0; 3], normal: [0; 3] };
+    pub(crate) const DEEP: Sample = Sample {
+        weight: 0.0,
+        skin: 0,
+        solid: SOLID,
+        rgb: [0; 3],
+        normal: [0; 3],
+    };
 
     /// Rounds a look.
     pub(crate) fn new(look: &Look) -> Self {
@@ -50,7 +61,7 @@ impl Sample {
             skin: code(look.skin.clamp(0.0, SKIN_MAX), SKIN_ONE),
             solid: code(look.solid.clamp(0.0, 1.0), f32::from(SOLID)),
             rgb: look.rgb.map(|c| code(c.clamp(0.0, 1.0), 65535.0)),
-            normal: look.normal.map(|c| (c * NORMAL_ONE).round() as i16),
+            normal: look.normal.map(|c| signed_code(c.clamp(-1.0, 1.0) * NORMAL_ONE)),
         }
     }
 
@@ -70,13 +81,20 @@ impl Sample {
         let solid = f32::from(self.solid) * (f32::from(SOLID_ALPHA) / f32::from(SOLID));
         let alpha = ((skin + solid) / 255.0).min(1.0);
         let (rgb, normal) = if self.weight > 0.0 {
-            (self.rgb.map(|c| f32::from(c) / 65535.0), self.normal.map(|c| f32::from(c) / NORMAL_ONE))
+            (
+                self.rgb.map(|c| f32::from(c) / 65535.0),
+                self.normal.map(|c| f32::from(c) / NORMAL_ONE),
+            )
         } else {
             (hint, [0.0; 3])
         };
         let stored = Value { rgb, alpha, normal }.store(BUILD_GAIN);
         let [x, y, z, _] = stored.normal;
-        Texel { color: stored.color, normal: [x, y, z], deep: self.is_deep() }
+        Texel {
+            color: stored.color,
+            normal: [x, y, z],
+            deep: self.is_deep(),
+        }
     }
 }
 
@@ -127,7 +145,7 @@ impl Mean {
             skin: (2.0 * self.skin + 0.5).min(SKIN_MAX * SKIN_ONE) as u16,
             solid: (self.solid + 0.5) as u16,
             rgb: self.rgb.map(|c| (c * inverse + 0.5) as u16),
-            normal: self.normal.map(|c| (c * inverse).round() as i16),
+            normal: self.normal.map(|c| signed_code(c * inverse)),
         }
     }
 }
@@ -147,17 +165,33 @@ mod tests {
     fn solid_and_skin_are_stored_opaque() {
         assert_eq!(size_of::<Sample>(), 20);
         let deep = Sample::DEEP.texel([0.5; 3]);
-        assert_eq!((deep.color[3], deep.normal, deep.deep), (SOLID_ALPHA, [0; 3], true));
-        let skin = Look { skin: 2.0, weight: 1.0, rgb: [1.0, 0.5, 0.0], normal: [0.0, 0.0, 1.0], solid: 0.0 };
+        assert_eq!(
+            (deep.color[3], deep.normal, deep.deep),
+            (SOLID_ALPHA, [0; 3], true)
+        );
+        let skin = Look {
+            skin: 2.0,
+            weight: 1.0,
+            rgb: [1.0, 0.5, 0.0],
+            normal: [0.0, 0.0, 1.0],
+            solid: 0.0,
+        };
         let texel = Sample::new(&skin).texel([0.0; 3]);
-        assert_eq!((texel.color[3], texel.normal, texel.deep), (SKIN_ALPHA, [0, 0, 127], false));
+        assert_eq!(
+            (texel.color[3], texel.normal, texel.deep),
+            (SKIN_ALPHA, [0, 0, 127], false)
+        );
         let c = decode_color(texel.color);
         assert!((c[1] - 0.5).abs() < 0.01 && c[2] == 0.0);
     }
 
     #[test]
     fn a_flat_skin_stays_opaque_and_a_speck_fades() {
-        let skin = Sample::new(&Look { skin: 2.0, weight: 1.0, ..Look::default() });
+        let skin = Sample::new(&Look {
+            skin: 2.0,
+            weight: 1.0,
+            ..Look::default()
+        });
         let none = Sample::default();
         let mut plane = mean(&[skin, skin, skin, skin, none, none, none, none]);
         for _ in 0..10 {
@@ -174,7 +208,12 @@ mod tests {
 
     #[test]
     fn solid_never_tints() {
-        let red = Look { weight: 1.0, solid: 0.5, rgb: [0.8, 0.0, 0.0], ..Look::default() };
+        let red = Look {
+            weight: 1.0,
+            solid: 0.5,
+            rgb: [0.8, 0.0, 0.0],
+            ..Look::default()
+        };
         let mixed = [Sample::new(&red), Sample::DEEP, Sample::DEEP, Sample::DEEP];
         let all = mean(&std::array::from_fn(|k| mixed[k % 4]));
         let texel = all.texel([0.0, 1.0, 0.0]);

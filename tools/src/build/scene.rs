@@ -23,14 +23,21 @@ pub(crate) fn scene(trees: Vec<SceneTree>, crs: Option<String>) -> Scene {
     let (x0, y0) = (lo(|t| t.column.0), lo(|t| t.column.1));
     let width = (hi(|t| t.column.0) - x0).max(hi(|t| t.column.1) - y0) + 1;
     let size = (width as u64).next_power_of_two() as i64;
-    Scene { crs, root: group(trees, x0, y0, size) }
+    Scene {
+        crs,
+        root: group(trees, x0, y0, size),
+    }
 }
 
 fn group(mut trees: Vec<SceneTree>, x: i64, y: i64, size: i64) -> Group {
     let boxes = trees.iter().map(|t| t.header.bounds());
     let bounds = boxes.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
     let bounds = bounds.map(|[min, max]| Bounds { min, max });
-    let mut result = Group { brick_size: Some([8; 3]), bounds, ..Group::default() };
+    let mut result = Group {
+        brick_size: Some([8; 3]),
+        bounds,
+        ..Group::default()
+    };
     if size == 1 || trees.len() <= GROUP_TREES {
         trees.sort_by_key(|t| t.column);
         result.trees = trees.into_iter().map(tree).collect();
@@ -38,7 +45,8 @@ fn group(mut trees: Vec<SceneTree>, x: i64, y: i64, size: i64) -> Group {
     }
     let half = size / 2;
     for (dx, dy) in [(0, 0), (half, 0), (0, half), (half, half)] {
-        let inside = |t: &SceneTree| (t.column.0 >= x + half) == (dx > 0) && (t.column.1 >= y + half) == (dy > 0);
+        let inside =
+            |t: &SceneTree| (t.column.0 >= x + half) == (dx > 0) && (t.column.1 >= y + half) == (dy > 0);
         let (part, rest) = trees.into_iter().partition(inside);
         trees = rest;
         if !Vec::is_empty(&part) {

@@ -41,7 +41,11 @@ impl<'a> Surfaces<'a> {
                 Some(first)
             })
             .collect();
-        Self { meshes, first, lattice }
+        Self {
+            meshes,
+            first,
+            lattice,
+        }
     }
 
     /// Number of triangles.
@@ -58,14 +62,14 @@ impl<'a> Surfaces<'a> {
     /// Corners of a triangle, cell coordinates.
     pub(crate) fn corners(&self, number: usize) -> Option<[DVec3; 3]> {
         let (mesh, triangle) = self.find(number)?;
-        Some(mesh.corners(triangle).map(|p| self.lattice.point_to_cell(p)))
+        Some(mesh.corners(triangle).map(|p| self.lattice.cells_of(p)))
     }
 
     /// A triangle made ready for [`Shader::facet`].
     pub(crate) fn shader(&self, number: usize) -> Option<Shader<'a>> {
         let (mesh, triangle) = self.find(number)?;
         let material = mesh.materials.get(usize::from(triangle.material))?;
-        let corners = mesh.corners(triangle).map(|p| self.lattice.point_to_cell(p));
+        let corners = mesh.corners(triangle).map(|p| self.lattice.cells_of(p));
         let base = corners[0].floor();
         let local = corners.map(|p| p - base);
         let face = (local[1] - local[0]).cross(local[2] - local[0]);
@@ -75,7 +79,15 @@ impl<'a> Surfaces<'a> {
                 .map(|d| d.as_dvec2() * glam::DVec2::new(f64::from(w), f64::from(h)));
             (a.perp_dot(b).abs() / face.length().max(f64::MIN_POSITIVE)).sqrt() as f32
         });
-        Some(Shader { mesh, triangle, material, base, local, face: face.normalize_or_zero().as_vec3(), texels })
+        Some(Shader {
+            mesh,
+            triangle,
+            material,
+            base,
+            local,
+            face: face.normalize_or_zero().as_vec3(),
+            texels,
+        })
     }
 }
 
@@ -104,7 +116,7 @@ impl Shader<'_> {
             (r, g, b, alpha) = (r * tr, g * tg, b * tb, alpha * ta);
         }
         let skin = if self.material.cutout { alpha } else { OPAQUE_SKIN };
-        if !(alpha > CLEAR) {
+        if alpha <= CLEAR {
             return None;
         }
         if !self.mesh.colors.is_empty() {
@@ -117,10 +129,23 @@ impl Shader<'_> {
         }
         let smooth = self.triangle.n.map(|n| {
             n.iter().zip(w).fold(Vec3::ZERO, |sum, (n, w)| {
-                sum + self.mesh.normals.get(*n as usize).map_or(Vec3::ZERO, |n| n.normalize_or_zero()) * w
+                sum + self
+                    .mesh
+                    .normals
+                    .get(*n as usize)
+                    .map_or(Vec3::ZERO, |n| n.normalize_or_zero())
+                    * w
             })
         });
-        let normal = smooth.map(Vec3::normalize_or_zero).filter(|n| *n != Vec3::ZERO).unwrap_or(self.face);
-        Some(Facet { skin, alpha, rgb: [r, g, b], normal: normal.to_array() })
+        let normal = smooth
+            .map(Vec3::normalize_or_zero)
+            .filter(|n| *n != Vec3::ZERO)
+            .unwrap_or(self.face);
+        Some(Facet {
+            skin,
+            alpha,
+            rgb: [r, g, b],
+            normal: normal.to_array(),
+        })
     }
 }

@@ -34,9 +34,15 @@ impl TexelLevel {
             .into_par_iter()
             .map(|(x, y)| {
                 let column = samples.column(x, y);
-                let near = column.slots.iter().filter(|s| (extent.lo[2]..extent.hi[2]).contains(&s.0));
+                let near = column
+                    .slots
+                    .iter()
+                    .filter(|s| (extent.lo[2]..extent.hi[2]).contains(&s.0));
                 let slots = near.map(|(z, slot)| (*z, store(slot, hints, x, y))).collect();
-                BlockColumn { solid: column.solid.clone(), slots }
+                BlockColumn {
+                    solid: column.solid.clone(),
+                    slots,
+                }
             })
             .collect();
         let width = area.hi[0] - area.lo[0];
@@ -44,7 +50,11 @@ impl TexelLevel {
             .into_par_iter()
             .map(|k| Sample::DEEP.texel(hints.color(area.lo[0] + k % width, area.lo[1] + k / width)))
             .collect();
-        Self { blocks: Blocks::new(&extent, columns), area, solid }
+        Self {
+            blocks: Blocks::new(&extent, columns),
+            area,
+            solid,
+        }
     }
 
     /// The blocks.
@@ -52,11 +62,29 @@ impl TexelLevel {
         &self.blocks
     }
 
+    /// Whether the own cells of a node, given by its first, are one block whose opacities differ: then nothing more
+    /// need be looked at to know that it is no constant.
+    pub(crate) fn mixed(&self, cell: [i64; 3]) -> bool {
+        let [x, y, z] = cell.map(|c| c.div_euclid(SIDE));
+        let aligned = cell.iter().all(|c| c % SIDE == 0);
+        match self.blocks.column(x, y).get(z) {
+            Block::Dense(texels) if aligned => {
+                let first = texels[0];
+                texels.iter().any(|t| t.color[3] != first.color[3])
+            }
+            _ => false,
+        }
+    }
+
     /// Copies the cube of `side`³ texels from `base` on, x fastest.
     pub(crate) fn gather(&self, base: [i64; 3], side: i64, out: &mut Vec<Texel>) {
         out.clear();
         out.resize((side * side * side) as usize, Texel::default());
-        let blocks = CellBox { lo: base, hi: base.map(|b| b + side) }.blocks();
+        let blocks = CellBox {
+            lo: base,
+            hi: base.map(|b| b + side),
+        }
+        .blocks();
         let width = self.area.hi[0] - self.area.lo[0];
         for (bx, by) in block_columns(&blocks) {
             let column = self.blocks.column(bx, by);
@@ -115,7 +143,10 @@ pub(crate) fn likeness(texels: &[Texel]) -> Likeness {
     };
     if texels.iter().all(|t| t.deep) {
         Likeness::Deep
-    } else if texels.iter().all(|t| t.color == first.color && t.normal == [0; 3]) {
+    } else if texels
+        .iter()
+        .all(|t| t.color == first.color && t.normal == [0; 3])
+    {
         Likeness::Equal(first.color)
     } else {
         Likeness::Mixed

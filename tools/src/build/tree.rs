@@ -53,14 +53,21 @@ pub(crate) fn build_tree(
 ) -> Result<Option<TreeHeader>, BuildError> {
     let lattice = &terrain.lattice;
     let support = lattice.support(place, 0);
-    let grids: Vec<GroundGrid> =
-        terrain.layers.iter().filter_map(|layer| GroundGrid::new(layer, lattice, &support)).collect();
-    let column = terrain.plan.columns.get(&lattice.column_of(place.origin[0], place.origin[1]));
+    let grids: Vec<GroundGrid> = terrain
+        .layers
+        .iter()
+        .filter_map(|layer| GroundGrid::new(layer, lattice, &support))
+        .collect();
+    let column = terrain
+        .plan
+        .columns
+        .get(&lattice.column_of(place.origin[0], place.origin[1]));
     let near = |number: &u32| {
         let corners = terrain.surfaces.corners(*number as usize);
         corners.is_some_and(|c| !triangle_cells(&c).intersection(&support).is_empty())
     };
-    let triangles: Vec<u32> = column.map_or(Vec::new(), |c| c.triangles.iter().copied().filter(near).collect());
+    let triangles: Vec<u32> =
+        column.map_or(Vec::new(), |c| c.triangles.iter().copied().filter(near).collect());
     let (mut samples, met) = voxelise(&Sources {
         lattice: *lattice,
         place,
@@ -89,7 +96,10 @@ pub(crate) fn build_tree(
         levels.push(nodes);
     }
     levels.reverse();
-    if let Some(State::Constant { color: [_, _, _, 0], .. }) = levels.first().map(|l| l.state(UVec3::ZERO)) {
+    if let Some(State::Constant {
+        color: [_, _, _, 0], ..
+    }) = levels.first().map(|l| l.state(UVec3::ZERO))
+    {
         writer.discard()?;
         return Ok(None);
     }
@@ -110,7 +120,9 @@ fn header(lattice: &Lattice, place: TreePlace, met: &Met) -> TreeHeader {
         layout: lattice.layout,
         gain: BUILD_GAIN,
         surface_voxels: met.count,
-        surface_bounds: met.bounds.map_or([UVec3::ZERO; 2], |b| [local(b.lo), local(b.hi)]),
+        surface_bounds: met
+            .bounds
+            .map_or([UVec3::ZERO; 2], |b| [local(b.lo), local(b.hi)]),
     }
 }
 
@@ -133,16 +145,26 @@ fn write_bricks(
     let path = writer.path(&name);
     let encode = |bricks: &&[UVec3]| {
         let within = (1u32 << terrain.chunk_log2) - 1;
-        let mut chunk = Chunk { mask: 0, layout: lattice.layout, color: Vec::new(), normal: Vec::new() };
+        let samples = bricks.len() * lattice.layout.samples();
+        let mut chunk = Chunk {
+            mask: 0,
+            layout: lattice.layout,
+            color: Vec::with_capacity(samples),
+            normal: Vec::with_capacity(samples),
+        };
         let mut cube = Vec::new();
         for brick in *bricks {
             chunk.mask |= 1 << morton::encode(*brick & within);
             let (base, side) = node_cube(lattice, place, level, *brick);
             texels.gather(base, side, &mut cube);
             chunk.color.extend(cube.iter().map(|t| t.color));
-            chunk.normal.extend(cube.iter().map(|t| [t.normal[0], t.normal[1], t.normal[2], 0]));
+            chunk
+                .normal
+                .extend(cube.iter().map(|t| [t.normal[0], t.normal[1], t.normal[2], 0]));
         }
-        let payload = chunk.encode(terrain.encoding).map_err(BuildError::format(&path))?;
+        let payload = chunk
+            .encode(terrain.encoding)
+            .map_err(BuildError::format(&path))?;
         Ok((chunk.mask, payload))
     };
     let mut index = BrickFileWriter::new(level, lattice.layout, terrain.chunk_log2, terrain.encoding);
@@ -150,15 +172,20 @@ fn write_bricks(
         let io = |e| BuildError::io(&path)(e);
         file.write_all(&[0; HEADER_BYTES]).map_err(io)?;
         for batch in chunks.chunks(BATCH) {
-            let coded: Vec<(u64, Vec<u8>)> = batch.par_iter().map(encode).collect::<Result<_, BuildError>>()?;
+            let coded: Vec<(u64, Vec<u8>)> =
+                batch.par_iter().map(encode).collect::<Result<_, BuildError>>()?;
             for (bricks, (mask, payload)) in batch.iter().zip(coded) {
-                index.push(chunk_of(&bricks[0]), mask, &payload).map_err(BuildError::format(&path))?;
+                index
+                    .push(chunk_of(&bricks[0]), mask, &payload)
+                    .map_err(BuildError::format(&path))?;
                 file.write_all(&payload).map_err(io)?;
             }
         }
         let (directory, header) = index.finish();
         file.write_all(&directory).map_err(io)?;
-        file.seek(SeekFrom::Start(0)).and_then(|_| file.write_all(&header)).map_err(io)
+        file.seek(SeekFrom::Start(0))
+            .and_then(|_| file.write_all(&header))
+            .map_err(io)
     })
 }
 
@@ -177,14 +204,21 @@ impl FolderWriter {
             remove_tree(&partial)?;
         }
         fs::create_dir_all(&partial).map_err(BuildError::io(&partial))?;
-        Ok(Self { partial, folder: folder.to_path_buf() })
+        Ok(Self {
+            partial,
+            folder: folder.to_path_buf(),
+        })
     }
 
     fn path(&self, name: &str) -> PathBuf {
         self.partial.join(name)
     }
 
-    fn file(&self, name: &str, write: impl FnOnce(&mut File) -> std::io::Result<()>) -> Result<(), BuildError> {
+    fn file(
+        &self,
+        name: &str,
+        write: impl FnOnce(&mut File) -> std::io::Result<()>,
+    ) -> Result<(), BuildError> {
         let path = self.path(name);
         self.try_file(name, |file| write(file).map_err(BuildError::io(&path)))
     }

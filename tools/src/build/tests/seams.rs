@@ -1,0 +1,162 @@
+//! Borders, constants and the cut into trees.
+
+use super::super::filter;
+use super::super::finest::{Sources, voxelise};
+use super::super::ground::{GroundGrid, Hints};
+use super::super::lattice::TreePlace;
+use super::super::plan::Plan;
+use super::super::texels::TexelLevel;
+use super::*;
+
+const VOXEL: f64 = 0.45;
+
+fn db(inputs: &Inputs, tree: u32, layout: SampleLayout) -> Db {
+    let folder = tempfile::tempdir().unwrap();
+    build_into(folder.path(), inputs, VOXEL, tree, layout);
+    Db::read(
+        folder.path(),
+        Lattice {
+            voxel: VOXEL,
+            depth: (tree / 8).ilog2() as u8,
+            layout,
+        },
+    )
+}
+
+#[test]
+fn large_and_small_trees_store_the_same_samples() {
+    for layout in [SampleLayout::Centre, SampleLayout::Corner] {
+        // All of it in one large tree, and in 2×2 columns of small ones.
+        let inputs = hills(DVec2::splat(5.0));
+        let large = db(&inputs, 64, layout);
+        let small = db(&inputs, 32, layout);
+        assert_eq!((large.trees, small.trees), (1, 6));
+        assert_eq!(large.surface_voxels, small.surface_voxels);
+        // Solid goes down by root voxels, which are not the same; compare above.
+        let bottom = |lattice: &Lattice| {
+            let surfaces = Surfaces::new(&inputs.meshes, *lattice);
+            let plan = Plan::new(lattice, &inputs.layers, &surfaces).unwrap();
+            plan.columns.values().filter_map(|c| c.bottom).max().unwrap()
+        };
+        let bottom = bottom(&large.lattice).max(bottom(&small.lattice));
+        let mut compared = [0usize; 3];
+        for mip in 0..=2 {
+            let above = |cell: [i64; 3]| (cell[2] - 1) << mip >= bottom;
+            let keys = large.samples.keys().chain(small.samples.keys());
+            for (_, cell) in keys.filter(|k| k.0 == mip && above(k.1)) {
+                let values = [&large, &small].map(|db| db.samples.get(&(mip, *cell)).copied());
+                match values {
+                    [Some(a), Some(b)] => assert!(same(a, b), "{layout:?} mip {mip} {cell:?}: {a:?} {b:?}"),
+                    // No tree is there: nothing may be stored by the other, except for aprons seen from outside.
+                    [Some(a), None] if layout == SampleLayout::Centre => {
+                        assert_eq!(a, Value::default(), "{layout:?} mip {mip} {cell:?}");
+                    }
+                    _ => {}
+                }
+                compared[usize::from(mip)] += usize::from(values.iter().flatten().any(|v| v.0[3] > 0));
+            }
+        }
+        assert!(compared.iter().all(|n| *n > 500), "{compared:?}");
+    }
+}
+
+#[test]
+fn constants_expand_to_what_bricks_would_store() {
+    for layout in [SampleLayout::Centre, SampleLayout::Corner] {
+        let inputs = hills(DVec2::ZERO);
+        let db = db(&inputs, 64, layout);
+        assert!(db.constants > 10);
+        let lattice = db.lattice;
+        let surfaces = Surfaces::new(&inputs.meshes, lattice);
+        let plan = Plan::new(&lattice, &inputs.layers, &surfaces).unwrap();
+        let triangles: Vec<u32> = (0..surfaces.len() as u32).collect();
+        for place in &plan.trees {
+            let support = lattice.support(*place, 0);
+            let grids: Vec<_> = inputs
+                .layers
+                .iter()
+                .filter_map(|l| GroundGrid::new(l, &lattice, &support))
+                .collect();
+            let (mut samples, _) = voxelise(&Sources {
+                lattice,
+                place: TreePlace { origin: place.origin },
+                grids: &grids,
+                bottom: &|c| plan.bottom(c),
+                surfaces: &surfaces,
+                triangles: &triangles,
+            });
+            let mut hints = Hints::finest(&grids, &support);
+            for mip in 0..=lattice.depth {
+                if mip > 0 {
+                    let cells = lattice.support(*place, mip);
+                    hints = hints.coarser(layout, &cells);
+                    samples = filter::coarser(&samples, layout, &cells);
+                }
+                let area = lattice.stored(*place, mip);
+                let texels = TexelLevel::new(&samples, &hints, area);
+                let (mut cube, side) = (Vec::new(), area.hi[0] - area.lo[0]);
+                texels.gather(area.lo, side, &mut cube);
+                for (k, t) in cube.iter().enumerate() {
+                    let k = k as i64;
+                    let cell = [
+                        area.lo[0] + k % side,
+                        area.lo[1] + k / side % side,
+                        area.lo[2] + k / side / side,
+                    ];
+                    let stored = db.samples.get(&(mip, cell)).copied();
+                    let stored = stored.unwrap_or_else(|| panic!("{place:?} is missing"));
+                    assert!(
+                        same(stored, (t.color, t.normal)),
+                        "mip {mip} {cell:?}: {stored:?} {t:?}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn cells_without_heights_are_empty_all_the_way_down() {
+    let inputs = hills(DVec2::ZERO);
+    let db = db(&inputs, 64, SampleLayout::Centre);
+    let cell = |v: f64| (v / VOXEL).floor() as i64;
+    let column =
+        |x: f64, y: f64| -> Vec<u8> { (-40..40).map(|z| db.at(0, [cell(x), cell(y), z]).0[3]).collect() };
+    assert!(column(10.0, 4.0).iter().all(|a| *a == 0));
+    let ground = column(15.0, 4.0);
+    assert!(ground.iter().filter(|a| **a == SOLID_ALPHA).count() > 8);
+    assert_eq!(
+        ground.iter().rev().skip_while(|a| **a == 0).count(),
+        ground.iter().rposition(|a| *a > 0).unwrap() + 1
+    );
+}
+
+#[test]
+fn clear_texels_leave_no_voxels() {
+    let half = |alpha: u8| Raster {
+        width: 64,
+        height: 1,
+        pixels: (0..64)
+            .map(|k| [255, 255, 255, if k < 32 { alpha } else { 255 }])
+            .collect(),
+    };
+    let count = |alpha: u8| {
+        let mesh = sheet(
+            DVec3::splat(0.5),
+            DVec3::X * 16.0,
+            DVec3::Y * 16.0,
+            Some(half(alpha)),
+        );
+        let folder = tempfile::tempdir().unwrap();
+        let inputs = Inputs {
+            layers: vec![],
+            meshes: vec![mesh],
+        };
+        let report = build_into(folder.path(), &inputs, 0.25, 64, SampleLayout::Centre);
+        report.surface_voxels
+    };
+    let (whole, cut) = (count(255), count(0));
+    assert_eq!(whole, 65 * 65);
+    // Interpolation between texels leaves a voxel or two on either side of the clear half.
+    assert!((65 * 33..=65 * 36).contains(&cut), "{cut}");
+}
