@@ -1,0 +1,11 @@
+//! The program from outside: what it prints, its exit codes, the files it leaves, and what it does about bad input.
+//!
+//! Every fault ends in one line that names file and place, an exit code other than 0, and nothing overwritten. Tests that
+//! draw need a Vulkan adapter and fail without one.
+
+mod build;
+mod check;
+mod common;
+mod fly;
+mod info;
+mod inputs;
