@@ -42,6 +42,8 @@ enum Command {
     Info(commands::info::Args),
     /// Read everything and list what is damaged
     Check(commands::check::Args),
+    /// Measure speed and error on built-in scenes
+    Bench(commands::bench::Args),
     /// Write the input files of a generated terrain
     Demo(commands::demo::Args),
     /// Say which adapter is drawn with, or fail if there is none
@@ -57,6 +59,7 @@ fn main() -> ExitCode {
         Command::Render(args) => commands::render::run(args),
         Command::Info(args) => commands::info::run(args),
         Command::Check(args) => commands::check::run(args),
+        Command::Bench(args) => commands::bench::run(args),
         Command::Demo(args) => commands::demo::run(args),
         Command::Adapter => adapter(),
     };

@@ -41,7 +41,7 @@ type Damage = (&'static str, fn(&Path));
 
 /// Wrong magic, unknown version, cut short, a flipped bit, missing.
 const DAMAGES: [Damage; 5] = [
-    ("wrong magic", |p| edit(p, |b| b[0] ^= 0xff)),
+    ("wrong magic", |p| edit(p, |b| b[5] ^= 0xff)),
     ("version 9", |p| edit(p, |b| b[8] = 9)),
     ("", |p| edit(p, |b| b.truncate(b.len() / 2))),
     ("checksum", |p| edit(p, |b| b[68] ^= 1)),

@@ -67,7 +67,8 @@ impl Level<'_> {
     }
 
     fn read(&self, offset: u64, len: u64) -> Result<Vec<u8>, String> {
-        let size = usize::try_from(len).map_err(|_| self.fault("file: a part is too long for this machine"))?;
+        let size =
+            usize::try_from(len).map_err(|_| self.fault("file: a part is too long for this machine"))?;
         self.store
             .read(&self.file, offset, size)
             .map_err(|e| self.fault(format_args!("byte {offset}: cannot be read: {e}")))
@@ -139,5 +140,7 @@ impl Level<'_> {
 /// Morton codes, in the level, of the bricks of a chunk.
 fn codes(chunk: &ChunkEntry, chunk_log2: u8) -> impl Iterator<Item = u64> {
     let (mask, first) = (chunk.mask, chunk.morton << (3 * u32::from(chunk_log2)));
-    (0..64u64).filter(move |m| mask >> m & 1 == 1).map(move |m| first | m)
+    (0..64u64)
+        .filter(move |m| mask >> m & 1 == 1)
+        .map(move |m| first | m)
 }

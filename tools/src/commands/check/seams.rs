@@ -137,11 +137,13 @@ mod tests {
     fn one_wrong_sample_shows_to_all_that_share_it() {
         for layout in [SampleLayout::Corner, SampleLayout::Centre] {
             // The sample in the middle of the eight bricks, as one of them stores it.
-            let wrong = |p: UVec3, at: IVec3| of_place(at) ^ u8::from(p == UVec3::ZERO && at == IVec3::splat(8));
+            let wrong =
+                |p: UVec3, at: IVec3| of_place(at) ^ u8::from(p == UVec3::ZERO && at == IVec3::splat(8));
             let (pairs, first) = count(layout, wrong);
             assert_eq!((pairs, first), (7, Some((UVec3::ZERO, UVec3::X))), "{layout:?}");
             // A sample that no other brick stores.
-            let inner = |p: UVec3, at: IVec3| of_place(at) ^ u8::from(p == UVec3::ZERO && at == IVec3::splat(3));
+            let inner =
+                |p: UVec3, at: IVec3| of_place(at) ^ u8::from(p == UVec3::ZERO && at == IVec3::splat(3));
             assert_eq!(count(layout, inner), (0, None));
         }
     }

@@ -3,8 +3,8 @@
 //! Called on any thread, one tree at a time each.
 
 use brickfell_formats::bricks::brick_file_name;
-use brickfell_formats::octree::{BRICK, TreeHeader, child_positions};
 use brickfell_formats::morton;
+use brickfell_formats::octree::{BRICK, TreeHeader, child_positions};
 use brickfell_pager::Store;
 use glam::UVec3;
 use indicatif::ProgressBar;
@@ -43,7 +43,10 @@ pub(super) fn check(store: &dyn Store, name: &str, bar: &ProgressBar) -> TreeRep
     report.header = Some(octree.header);
     let mut positions = vec![UVec3::ZERO];
     for (level, nodes) in (0..).zip(&octree.levels) {
-        let with_brick = nodes.iter().zip(&positions).filter(|(n, _)| n.structure & BRICK != 0);
+        let with_brick = nodes
+            .iter()
+            .zip(&positions)
+            .filter(|(n, _)| n.structure & BRICK != 0);
         let bricks: Vec<u64> = with_brick.map(|(_, p)| morton::encode(*p)).collect();
         if !bricks.is_empty() {
             report.bricks += bricks.len() as u64;
