@@ -108,7 +108,8 @@ pub(crate) fn build_into(
     inputs.build(&args, lattice, &Silent).unwrap()
 }
 
-/// A database as it lies on disk, every stored sample by mip and place on the lattice, constants expanded.
+/// A database as it lies on disk: every stored sample by mip and place on the lattice, constants expanded. Nothing is
+/// kept of empty constants.
 pub(crate) struct Db {
     pub(crate) lattice: Lattice,
     pub(crate) samples: HashMap<(u8, [i64; 3]), Value>,
@@ -171,6 +172,9 @@ impl Db {
                     NodeData::Constant(color) => {
                         assert!(node.children().is_none());
                         self.constants += 1;
+                        if color == [0; 4] {
+                            continue;
+                        }
                         for finer in level..=self.lattice.depth {
                             let n = 1 << (finer - level);
                             for k in 0..n * n * n {
