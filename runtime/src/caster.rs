@@ -207,7 +207,7 @@ impl Caster {
             ));
         }
         let feedback_bytes = u64::from(width) * u64::from(height) * 16;
-        if feedback_bytes > limits.max_storage_buffer_binding_size as u64 {
+        if feedback_bytes > limits.max_storage_buffer_binding_size {
             return refuse(format!(
                 "its feedback needs {feedback_bytes} bytes in one binding"
             ));
@@ -276,7 +276,8 @@ impl Caster {
             })
     }
 
-    /// Encodes the cast and the compaction, and the copy to a free ring entry; returns that entry.
+    /// Encodes the cast of `frame.size` pixels (at most the target's) and the compaction, and the copy to a free ring entry;
+    /// returns that entry.
     pub fn encode(
         &mut self,
         gpu: &Gpu,
@@ -296,7 +297,8 @@ impl Caster {
             });
             pass.set_pipeline(&self.cast);
             pass.set_bind_group(0, &target.cast, &[]);
-            pass.dispatch_workgroups(target.width.div_ceil(8), target.height.div_ceil(8), 1);
+            let [width, height] = frame.size;
+            pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
         }
         let entry = self
             .ring
@@ -310,7 +312,7 @@ impl Caster {
             });
             pass.set_pipeline(&self.compact_pixels);
             pass.set_bind_group(0, &target.compact_pixels, &[]);
-            let tiles = target.width.div_ceil(8) * target.height.div_ceil(8);
+            let tiles = frame.size[0].div_ceil(8) * frame.size[1].div_ceil(8);
             pass.dispatch_workgroups(tiles.div_ceil(64), 1, 1);
             pass.set_pipeline(&self.compact_usage);
             pass.set_bind_group(0, &self.usage_bindings, &[]);

@@ -44,7 +44,7 @@ impl PoolSizes {
         let wanted = budget / per_brick;
         let most_per_axis = limits.max_texture_dimension_3d / side;
         // A tile has 64 bytes, in one storage binding.
-        let binding = limits.max_storage_buffer_binding_size as u64;
+        let binding = limits.max_storage_buffer_binding_size;
         let mut slots = [(wanted as f64).cbrt().floor().max(1.0) as u32; 3];
         for axis in 0..3 {
             let others: u64 = slots

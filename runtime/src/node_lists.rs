@@ -39,6 +39,8 @@ pub struct WantedNode {
     pub parent: u32,
     /// Place of its tree in the visibility order, for priorities.
     pub order: u32,
+    /// Whether its brick is wanted, too, or the node alone.
+    pub brick: bool,
 }
 
 /// What a frame's rays lacked, resolved.
@@ -173,43 +175,50 @@ fn work(shared: &Shared) {
     }
 }
 
+/// Levels above a request whose whole subtree of nodes comes with it: nodes are small, and a ray that knows them asks for
+/// all the bricks it lacks at once instead of finding one unknown tile behind the other.
+const SUBTREE_LEVELS: u8 = 2;
+
+/// Nodes by level, tree and index, with the parent's index, the tree's order and whether the brick is wanted.
+type Nodes = HashMap<(u8, TreeId, u32), (u32, u32, bool)>;
+
 /// Walks the requests and lists what they need.
 fn resolve(frame: u32, requests: &[Request], trees: &[ActiveTree]) -> NodeList {
-    let mut nodes = HashMap::new();
+    let mut nodes = Nodes::new();
     let mut pages = HashMap::new();
     for request in requests {
-        let Some(active) = trees.get(request.tree as usize) else {
-            continue;
-        };
+        let Some(active) = trees.get(request.tree as usize) else { continue };
         let found = active.state.find(request.level, UVec3::from_array(request.node));
         let mut parent = 0;
         for (level, node) in found.path() {
-            nodes
-                .entry((level, active.tree, node))
-                .or_insert((parent, request.tree));
+            nodes.entry((level, active.tree, node)).or_insert((parent, request.tree, true)).2 = true;
+            if level + SUBTREE_LEVELS == request.level {
+                add_subtree(&mut nodes, active, level, node, request.level, request.tree);
+            }
             parent = node;
         }
         if let (Stop::NotResident, Some((level, _))) = (found.stop, found.deepest()) {
-            pages
-                .entry(PageKey::Level {
-                    tree: active.tree,
-                    level: level + 1,
-                })
-                .or_insert(request.tree);
+            pages.entry(PageKey::Level { tree: active.tree, level: level + 1 }).or_insert(request.tree);
         }
     }
     let mut nodes: Vec<_> = nodes
         .into_iter()
-        .map(|((level, tree, node), (parent, order))| WantedNode {
-            tree,
-            level,
-            node,
-            parent,
-            order,
-        })
+        .map(|((level, tree, node), (parent, order, brick))| WantedNode { tree, level, node, parent, order, brick })
         .collect();
     nodes.sort_unstable_by_key(|n| (n.level, n.order, n.node));
     let mut pages: Vec<_> = pages.into_iter().collect();
     pages.sort_unstable();
     NodeList { frame, nodes, pages }
+}
+
+/// Adds the tiles below a node down to a level, each by its first node.
+fn add_subtree(nodes: &mut Nodes, active: &ActiveTree, level: u8, node: u32, last: u8, order: u32) {
+    let Some(page) = active.state.level(level) else { return };
+    let Some(tile) = page.nodes.get(node as usize).and_then(|n| n.children()) else { return };
+    nodes.entry((level + 1, active.tree, tile * 8)).or_insert((node, order, false));
+    if level + 1 < last {
+        for child in tile * 8..tile * 8 + 8 {
+            add_subtree(nodes, active, level + 1, child, last, order);
+        }
+    }
 }

@@ -29,6 +29,11 @@ const TREE_KEEP_FRAMES: u64 = 300;
 const UPLOAD_BUDGET_MS: f64 = 4.0;
 /// Most frames that a picture may take to settle.
 const SETTLE_LIMIT: u32 = 600;
+/// Pixels per axis of which one is drawn while a picture settles: a brick's voxels are about a pixel wide, so bricks are
+/// seldom missed.
+const PROBE_STRIDE: u32 = 4;
+/// Most rounds of loading between two pictures while settling.
+const MAX_ROUNDS: usize = 64;
 /// Longest wait for loads before the picture is drawn again, while settling.
 const LOAD_WAIT: Duration = Duration::from_secs(5);
 
@@ -117,6 +122,22 @@ pub struct Renderer {
     faults: Vec<String>,
 }
 
+/// What was sent to the device.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Uploads {
+    bricks: usize,
+    nodes: usize,
+    bytes: u64,
+}
+
+impl std::ops::AddAssign for Uploads {
+    fn add_assign(&mut self, other: Self) {
+        self.bricks += other.bricks;
+        self.nodes += other.nodes;
+        self.bytes += other.bytes;
+    }
+}
+
 struct Prepared {
     report: FrameReport,
     encoder: wgpu::CommandEncoder,
@@ -185,7 +206,7 @@ impl Renderer {
     pub fn frame(&mut self, camera: &Camera, settings: &RenderSettings) -> Result<FrameReport, RuntimeError> {
         let limit = (UPLOAD_BUDGET_MS / self.ms_per_brick).clamp(1.0, MAX_UPLOAD_BRICKS as f64) as usize;
         let prepared = self.prepare(camera, settings, limit)?;
-        self.draw(camera, settings, prepared)
+        self.draw(camera, settings, prepared, 1)
     }
 
     /// Draws frames until one is settled: two in a row that were read back without a request, load or upload and with an
@@ -199,46 +220,31 @@ impl Renderer {
         settings: &RenderSettings,
     ) -> Result<(FrameReport, u32), RuntimeError> {
         let mut quiet = 0;
-        let mut uploaded = (0, 0, 0);
+        let mut total = Uploads::default();
+        // What is missing is found by a fraction of the rays; whole pictures confirm it.
+        let mut stride = PROBE_STRIDE;
         for frames in 1..=SETTLE_LIMIT {
-            let mut rounds = 0;
-            let mut prepared = self.prepare(camera, settings, MAX_UPLOAD_BRICKS)?;
-            loop {
-                let report = &prepared.report;
-                uploaded.0 += report.uploads;
-                uploaded.1 += report.node_updates;
-                uploaded.2 += report.bytes_uploaded;
-                let progress = !self.pager.is_idle() || report.uploads == MAX_UPLOAD_BRICKS;
-                rounds += 1;
-                if !progress || self.outcome.no_room > 0 || rounds > 64 {
-                    break;
-                }
-                // What is asked for comes before another picture is drawn.
-                self.gpu.queue.submit([prepared.encoder.finish()]);
-                let deadline = Instant::now() + LOAD_WAIT;
-                while !self.pager.is_idle() && Instant::now() < deadline {
-                    self.pager.wait_for_progress(Duration::from_millis(50));
-                    self.pager.merge(u64::from(self.frame));
-                }
-                self.resolve_again();
-                prepared = self.prepare(camera, settings, MAX_UPLOAD_BRICKS)?;
-            }
+            let (prepared, uploads) = self.prepare_all(camera, settings)?;
+            total += uploads;
             let start = prepared.start;
-            let mut report = self.draw(camera, settings, prepared)?;
+            let mut report = self.draw(camera, settings, prepared, stride)?;
             self.gpu.wait()?;
             report.frame_ms = ms(start);
             self.absorb();
             self.processors.wait_idle();
             // The next frame's list is made of this frame's requests: that it is calm, too, says that they were none, or
             // only of pages that were given up.
-            let calm = uploaded == (0, 0, 0)
+            let calm = uploads == Uploads::default()
                 && report.pending == 0
                 && report.trees_waiting == 0
                 && settings.bias + self.bias.extra() == report.bias;
             quiet = if calm { quiet + 1 } else { 0 };
-            (report.uploads, report.node_updates, report.bytes_uploaded) = uploaded;
-            uploaded = (0, 0, 0);
+            if quiet >= 2 && stride > 1 {
+                (stride, quiet) = (1, 0);
+            }
             if quiet >= 2 {
+                (report.uploads, report.node_updates, report.bytes_uploaded) =
+                    (total.bricks, total.nodes, total.bytes);
                 return Ok((report, frames));
             }
         }
@@ -246,6 +252,38 @@ impl Renderer {
             frames: SETTLE_LIMIT,
             pending: self.outcome.pending,
         })
+    }
+
+    /// Prepares a frame and waits for what it asked for, as often as that makes more ready: what is known to be missing
+    /// comes before another picture is drawn. For settling only.
+    fn prepare_all(
+        &mut self,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> Result<(Prepared, Uploads), RuntimeError> {
+        let mut uploads = Uploads::default();
+        for _ in 0..MAX_ROUNDS {
+            let prepared = self.prepare(camera, settings, MAX_UPLOAD_BRICKS)?;
+            let report = &prepared.report;
+            uploads += Uploads {
+                bricks: report.uploads,
+                nodes: report.node_updates,
+                bytes: report.bytes_uploaded,
+            };
+            let progress = !self.pager.is_idle() || report.uploads == MAX_UPLOAD_BRICKS;
+            if !progress || self.outcome.no_room > 0 {
+                return Ok((prepared, uploads));
+            }
+            self.gpu.queue.submit([prepared.encoder.finish()]);
+            let deadline = Instant::now() + LOAD_WAIT;
+            while !self.pager.is_idle() && Instant::now() < deadline {
+                self.pager.wait_for_progress(Duration::from_millis(50));
+                self.frame += 1;
+                self.pager.merge(u64::from(self.frame));
+            }
+            self.resolve_again();
+        }
+        Ok((self.prepare(camera, settings, MAX_UPLOAD_BRICKS)?, uploads))
     }
 
     /// Takes the read-backs that arrived: usage, counters, requests.
@@ -409,12 +447,13 @@ impl Renderer {
         })
     }
 
-    /// Casts and submits.
+    /// Casts one of `stride`² pixels and submits.
     fn draw(
         &mut self,
         camera: &Camera,
         settings: &RenderSettings,
         prepared: Prepared,
+        stride: u32,
     ) -> Result<FrameReport, RuntimeError> {
         let Prepared {
             mut report,
@@ -424,7 +463,7 @@ impl Renderer {
             start,
         } = prepared;
         let submit = Instant::now();
-        let uniform = self.frame_uniform(camera, settings, records.len() as u32, report.bias);
+        let uniform = self.frame_uniform(camera, settings, records.len() as u32, report.bias, stride);
         let entry = self.caster.encode(&self.gpu, &mut encoder, &uniform, &records);
         self.gpu.queue.submit([encoder.finish()]);
         if let Some(entry) = entry {
@@ -442,13 +481,17 @@ impl Renderer {
         settings: &RenderSettings,
         tree_count: u32,
         bias: f64,
+        stride: u32,
     ) -> layout::Frame {
         let sizes = self.memory.sizes;
-        let (origin, next) = (camera.screen(0.0, 0.0), camera.screen(1.0, 1.0));
+        // Which pixel of a group is drawn goes round with the frames.
+        let first = glam::UVec2::new(self.frame % stride, self.frame / stride % stride).as_dvec2();
+        let origin = camera.screen(first.x, first.y);
+        let next = camera.screen(first.x + f64::from(stride), first.y + f64::from(stride));
         let axis = |v: glam::DVec3, w: f64| v.extend(w).as_vec4().to_array();
         let texels = sizes.slots.map(|s| 1.0 / (s * sizes.brick_side) as f32);
         layout::Frame {
-            size: [camera.width, camera.height],
+            size: [camera.width.div_ceil(stride), camera.height.div_ceil(stride)],
             tree_count,
             frame: self.frame,
             screen_origin: origin.as_vec2().to_array(),

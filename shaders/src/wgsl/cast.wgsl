@@ -15,6 +15,7 @@
 @group(0) @binding(9) var output: texture_storage_2d<rgba32float, write>;
 
 const MAX_LEVELS: u32 = 21u;
+const ORDINALS: u32 = 8u;
 const FAR: f32 = 1e30;
 const SATURATED: f32 = 1.0 / 1024.0;
 
@@ -22,6 +23,8 @@ const SATURATED: f32 = 1.0 / 1024.0;
 var<private> rgb: vec3<f32>;
 var<private> transmittance: f32;
 var<private> request: vec3<u32>;
+var<private> lacking: u32;
+var<private> ordinal: u32;
 var<private> node_reads: u32;
 var<private> samples: u32;
 var<private> texture_reads: u32;
@@ -101,8 +104,11 @@ fn octant(cell: vec3<i32>, shift: u32) -> u32 {
     return bits.x | bits.y << 1u | bits.z << 2u;
 }
 
+// Neighbouring pixels lack the same nodes: one reports the first that it lacks, the next the second, so that what lies behind
+// one another is asked for together. A ray that lacks fewer reports its last.
 fn ask(tree_index: u32, level: u32, cell: vec3<i32>, shift: u32) {
-    if (request.x == 0u) {
+    if (lacking <= ordinal) {
+        lacking += 1u;
         let p = vec3<u32>(cell >> vec3(shift));
         request = vec3((tree_index + 1u) | level << 16u, p.x | p.y << 20u, p.y >> 12u | p.z << 8u);
     }
@@ -301,6 +307,7 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     let screen = frame.screen_origin + frame.screen_step * vec2<f32>(id.xy);
     let direction = frame.forward.xyz + screen.x * frame.right.xyz + screen.y * frame.up.xyz;
     let path_length = length(direction);
+    ordinal = (id.x + 2u * id.y + frame.frame) % ORDINALS;
     for (var i = 0u; i < frame.tree_count; i++) {
         march(i, screen, direction, path_length);
         if (transmittance == 0.0) {

@@ -3,6 +3,7 @@
 //! Each command is a module with its `Args` and a `run`. An error is one clear line and a hint; the exit code is 1 for
 //! errors, 2 where something was drawn but not all of it could be read.
 
+pub mod bench;
 pub mod build;
 pub mod check;
 mod database;

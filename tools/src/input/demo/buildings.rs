@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::model::Model;
-use super::noise::Random;
+use crate::noise::Random;
 use super::terrain::{Site, Terrain};
 
 /// How deep walls reach into the ground, metres.

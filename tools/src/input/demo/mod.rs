@@ -5,7 +5,6 @@
 
 mod buildings;
 mod model;
-mod noise;
 mod paint;
 mod terrain;
 mod textures;

@@ -4,7 +4,7 @@ use glam::DVec2;
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 
-use super::noise::{fractal, noise, smoothstep};
+use crate::noise::{fractal, noise, smoothstep};
 use super::terrain::{Ground, Terrain};
 
 /// sRGB 0..1.
@@ -170,7 +170,7 @@ fn field(terrain: &Terrain, at: DVec2, ground: &Ground, c: Color) -> Color {
     let (local, edge) = terrain.field(at);
     let edge = edge + 0.6 * noise(terrain.seed ^ 61, at / 6.0);
     let strip = ((local.x / 0.4 + 0.5) * 5.0).floor();
-    let tone = super::noise::cell(terrain.seed ^ 62, strip as i64, 0);
+    let tone = crate::noise::cell(terrain.seed ^ 62, strip as i64, 0);
     let crop = if tone < 0.35 {
         mix([0.42, 0.33, 0.23], [0.50, 0.40, 0.28], tone * 3.0)
     } else {

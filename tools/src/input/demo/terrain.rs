@@ -5,7 +5,7 @@
 
 use glam::DVec2;
 
-use super::noise::{Random, fractal, lerp, smoothstep};
+use crate::noise::{Random, fractal, lerp, smoothstep};
 
 /// Width of the plan.
 const PLAN: f64 = 256.0;

@@ -3,7 +3,7 @@
 use glam::DVec2;
 use image::{Rgba, RgbaImage};
 
-use super::noise::{Random, cell, fractal, noise, smoothstep};
+use crate::noise::{Random, cell, fractal, noise, smoothstep};
 
 /// Side of a quadrant of the leaf atlas, texels.
 const QUADRANT: f64 = 128.0;

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DVec2, DVec3};
 
 use super::model::Model;
-use super::noise::Random;
+use crate::noise::Random;
 use super::terrain::Terrain;
 use super::textures::Leaves;
 

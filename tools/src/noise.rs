@@ -11,27 +11,27 @@ fn mix(mut x: u64) -> u64 {
 
 /// Random numbers in a sequence: the same seed gives the same numbers on every machine.
 #[derive(Clone)]
-pub(super) struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
-    pub(super) fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64) -> Self {
         Random(mix(seed.wrapping_add(0x9e37_79b9_7f4a_7c15)))
     }
 
     /// Uniform in 0..1.
-    pub(super) fn unit(&mut self) -> f64 {
+    pub(crate) fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         (mix(self.0) >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// Uniform in `low..high`.
-    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 }
 
 /// Uniform in 0..1 for a cell of the integer lattice.
-pub(super) fn cell(seed: u64, x: i64, y: i64) -> f64 {
+pub(crate) fn cell(seed: u64, x: i64, y: i64) -> f64 {
     let key = seed
         ^ (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
         ^ (y as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f);
@@ -39,7 +39,7 @@ pub(super) fn cell(seed: u64, x: i64, y: i64) -> f64 {
 }
 
 /// Gradient noise, about -1..1, features one unit wide.
-pub(super) fn noise(seed: u64, p: DVec2) -> f64 {
+pub(crate) fn noise(seed: u64, p: DVec2) -> f64 {
     let base = p.floor();
     let f = p - base;
     let corner = |dx: i64, dy: i64| {
@@ -53,7 +53,7 @@ pub(super) fn noise(seed: u64, p: DVec2) -> f64 {
 }
 
 /// Octaves of noise, each half as wide and half as strong; about -1..1.
-pub(super) fn fractal(seed: u64, p: DVec2, octaves: u64) -> f64 {
+pub(crate) fn fractal(seed: u64, p: DVec2, octaves: u64) -> f64 {
     // Octaves are turned against each other, or the lattice shows through.
     let turn = DVec2::from_angle(0.61);
     let (mut sum, mut weight, mut total, mut q) = (0.0, 1.0, 0.0, p);
@@ -66,12 +66,12 @@ pub(super) fn fractal(seed: u64, p: DVec2, octaves: u64) -> f64 {
     sum / total * 1.6
 }
 
-pub(super) fn lerp(a: f64, b: f64, t: f64) -> f64 {
+pub(crate) fn lerp(a: f64, b: f64, t: f64) -> f64 {
     a + (b - a) * t
 }
 
 /// 0 below `low`, 1 above `high`, smooth between; falling if `low > high`.
-pub(super) fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
+pub(crate) fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
     let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }

@@ -1,0 +1,130 @@
+//! The bench suites: the one place from which figures come.
+//!
+//! A suite is a function that draws or builds built-in scenes and returns rows; `brickfell bench` writes the rows of all
+//! suites to `bench.json` and `bench.csv`. Times are medians; counters (nodes, samples, reads, bytes) do not depend on the
+//! machine. Runs on one thread; what is measured may use more.
+
+pub mod caster;
+pub mod layout;
+mod scenes;
+
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use crate::commands::CommandError;
+
+/// A row of a suite: named values in a fixed order.
+pub type Row = Map<String, Value>;
+
+/// What a suite is told.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings<'a> {
+    /// Where built scenes are kept between runs.
+    pub folder: &'a Path,
+    /// Fewer repetitions and smaller sweeps.
+    pub quick: bool,
+}
+
+/// A suite by name.
+#[derive(Clone, Copy, Debug)]
+pub struct Suite {
+    /// Its name.
+    pub name: &'static str,
+    /// What it measures, one line.
+    pub about: &'static str,
+    /// Runs it.
+    pub run: fn(&Settings<'_>) -> Result<Vec<Row>, CommandError>,
+}
+
+/// All suites.
+pub const SUITES: &[Suite] = &[
+    Suite { name: "caster", about: "the GPU ray caster at its default setting", run: caster::default_rows },
+    Suite { name: "caster-variants", about: "what its settings cost, and the CPU reference", run: caster::variants },
+    Suite { name: "layout", about: "error and memory of the two sample layouts", run: layout::rows },
+];
+
+/// Makes a row of something that serialises to an object.
+pub(crate) fn row(value: impl Serialize) -> Result<Row, CommandError> {
+    match serde_json::to_value(value)? {
+        Value::Object(map) => Ok(map),
+        other => Err(CommandError { message: format!("a row is an object, not {other}"), hint: None }),
+    }
+}
+
+/// `bench.json`: the machine and the suites' rows.
+pub fn to_json(adapter: &str, suites: &[(String, Vec<Row>)]) -> Value {
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let suites: Map<String, Value> =
+        suites.iter().map(|(name, rows)| (name.clone(), json!({ "rows": rows }))).collect();
+    json!({
+        "machine": {
+            "os": std::env::consts::OS,
+            "arch": std::env::consts::ARCH,
+            "cores": cores,
+            "adapter": adapter,
+            "exact_filtering": std::env::var("GALLIVM_PERF").is_ok_and(|v| v.contains("no_aos_sampling")),
+            "version": env!("CARGO_PKG_VERSION"),
+        },
+        "suites": suites,
+    })
+}
+
+/// `bench.csv`: one line a value: suite, row, key, value.
+pub fn to_csv(suites: &[(String, Vec<Row>)]) -> String {
+    let mut out = String::from("suite,row,key,value\n");
+    for (name, rows) in suites {
+        for (k, row) in rows.iter().enumerate() {
+            for (key, value) in row {
+                let text = match value {
+                    Value::String(s) => format!("\"{}\"", s.replace('"', "\"\"")),
+                    other => other.to_string(),
+                };
+                out += &format!("{name},{k},{key},{text}\n");
+            }
+        }
+    }
+    out
+}
+
+/// The rows of a suite as an aligned table for the terminal.
+pub fn to_table(rows: &[Row]) -> String {
+    let Some(first) = rows.first() else { return String::new() };
+    let text = |value: &Value| match value {
+        Value::String(s) => s.clone(),
+        Value::Number(n) if n.is_f64() => format!("{:.3}", n.as_f64().unwrap_or(0.0)),
+        other => other.to_string(),
+    };
+    let columns: Vec<Vec<String>> = first
+        .keys()
+        .map(|key| {
+            std::iter::once(key.clone()).chain(rows.iter().map(|r| r.get(key).map_or(String::new(), text))).collect()
+        })
+        .collect();
+    let width = |column: &Vec<String>| column.iter().map(|c| c.chars().count()).max().unwrap_or(0);
+    (0..=rows.len())
+        .map(|k| {
+            let cells: Vec<String> = columns.iter().map(|c| format!("{:>1$}", c[k], width(c))).collect();
+            cells.join("  ") + "\n"
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn csv_and_table_hold_every_value() {
+        let rows = vec![row(json!({"a": 1.5, "b": "x\"y"})).unwrap(), row(json!({"a": 22, "b": "z"})).unwrap()];
+        let suites = vec![("s".to_string(), rows.clone())];
+        assert_eq!(
+            to_csv(&suites),
+            "suite,row,key,value\ns,0,a,1.5\ns,0,b,\"x\"\"y\"\ns,1,a,22\ns,1,b,\"z\"\n"
+        );
+        assert_eq!(to_table(&rows), "    a    b\n1.500  x\"y\n   22    z\n");
+        assert_eq!(to_json("gpu", &suites)["suites"]["s"]["rows"][1]["a"], 22);
+        assert!(row(3).is_err());
+    }
+}
