@@ -3,7 +3,10 @@
 //! Every fault ends in one line that names file and place, an exit code other than 0, and nothing overwritten. Tests that
 //! draw need a Vulkan adapter and fail without one.
 
-#![allow(clippy::unwrap_used, reason = "helpers are parts of tests: a panic is their way to fail")]
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers are parts of tests: a panic is their way to fail"
+)]
 
 mod build;
 mod check;
