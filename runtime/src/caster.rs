@@ -7,7 +7,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-use brickfell_shaders::layout::{self, COUNTER_WORDS, Request};
+use brickfell_shaders::layout::{self, COUNTER_WORDS, Request, TABLE_WORDS};
 use brickfell_shaders::{CAST, COMPACT};
 
 use crate::error::RuntimeError;
@@ -22,13 +22,14 @@ pub const MAX_TREES: usize = 65_535;
 
 const RING: usize = 3;
 const QUERIES: u32 = 6;
+const COUNTER_BYTES: u64 = COUNTER_WORDS as u64 * 4;
 
 /// What a frame's rays reported.
 #[derive(Clone, Debug, Default)]
 pub struct Feedback {
     /// The frame.
     pub frame: u32,
-    /// What rays lacked, without repetitions inside a tile of 8×8 pixels.
+    /// What rays lacked, nearly without repetitions.
     pub requests: Vec<Request>,
     /// Requests made, those that did not fit counted too.
     pub request_count: u32,
@@ -102,7 +103,7 @@ impl Caster {
             B::STORAGE | B::COPY_DST,
         );
         let read = B::STORAGE | B::COPY_SRC | B::COPY_DST;
-        let counters = gpu.buffer("counters", COUNTER_WORDS as u64 * 4, read);
+        let counters = gpu.buffer("counters", (COUNTER_WORDS + TABLE_WORDS) as u64 * 4, read);
         let requests = gpu.buffer("requests", u64::from(REQUEST_CAPACITY) * 16, read);
         let used = gpu.buffer("used", u64::from(usage_words) * 4, read);
         let usage_bindings = gpu.bind(
@@ -111,7 +112,7 @@ impl Caster {
                 (0, uniform.as_entire_binding()),
                 (2, pools.brick_stamps.as_entire_binding()),
                 (3, pools.tile_stamps.as_entire_binding()),
-                (6, used.as_entire_binding()),
+                (5, used.as_entire_binding()),
             ],
         );
         let queries = gpu.timestamp_period.map(|_| {
@@ -126,7 +127,7 @@ impl Caster {
             u64::from(QUERIES) * 8,
             B::QUERY_RESOLVE | B::COPY_SRC,
         );
-        let size = counters.size() + requests.size() + used.size() + query_buffer.size();
+        let size = COUNTER_BYTES + requests.size() + used.size() + query_buffer.size();
         let ring = (0..RING)
             .map(|_| RingEntry {
                 buffer: gpu.buffer("read-back", size, B::MAP_READ | B::COPY_DST),
@@ -167,7 +168,7 @@ impl Caster {
         let pixels = self
             .target
             .as_ref()
-            .map_or(0, |t| u64::from(t.width) * u64::from(t.height) * 32);
+            .map_or(0, |t| u64::from(t.width) * u64::from(t.height) * 24);
         fixed + ring + pixels
     }
 
@@ -206,7 +207,7 @@ impl Caster {
                 limits.max_texture_dimension_2d
             ));
         }
-        let feedback_bytes = u64::from(width) * u64::from(height) * 16;
+        let feedback_bytes = u64::from(width) * u64::from(height) * 8;
         if feedback_bytes > limits.max_storage_buffer_binding_size {
             return refuse(format!(
                 "its feedback needs {feedback_bytes} bytes in one binding"
@@ -243,6 +244,8 @@ impl Caster {
                     9,
                     wgpu::BindingResource::TextureView(&output.create_view(&Default::default())),
                 ),
+                (10, self.counters.as_entire_binding()),
+                (11, self.requests.as_entire_binding()),
             ],
         );
         let compact_pixels = gpu.bind(
@@ -251,7 +254,6 @@ impl Caster {
                 (0, self.uniform.as_entire_binding()),
                 (1, feedback.as_entire_binding()),
                 (4, self.counters.as_entire_binding()),
-                (5, self.requests.as_entire_binding()),
             ],
         );
         gpu.check()?;
@@ -290,6 +292,7 @@ impl Caster {
             .write_buffer(&self.uniform, 0, bytemuck::bytes_of(frame));
         gpu.queue
             .write_buffer(&self.trees, 0, bytemuck::cast_slice(trees));
+        encoder.clear_buffer(&self.counters, 0, None);
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("cast"),
@@ -304,7 +307,6 @@ impl Caster {
             .ring
             .iter()
             .position(|r| r.state.load(Ordering::Acquire) == 0)?;
-        encoder.clear_buffer(&self.counters, 0, None);
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("compact"),
@@ -312,8 +314,8 @@ impl Caster {
             });
             pass.set_pipeline(&self.compact_pixels);
             pass.set_bind_group(0, &target.compact_pixels, &[]);
-            let tiles = frame.size[0].div_ceil(8) * frame.size[1].div_ceil(8);
-            pass.dispatch_workgroups(tiles.div_ceil(64), 1, 1);
+            let pixels = frame.size[0] * frame.size[1];
+            pass.dispatch_workgroups(pixels.div_ceil(64 * 64), 1, 1);
             pass.set_pipeline(&self.compact_usage);
             pass.set_bind_group(0, &self.usage_bindings, &[]);
             pass.dispatch_workgroups(self.usage_words.div_ceil(64), 1, 1);
@@ -323,9 +325,10 @@ impl Caster {
         }
         let ring = &mut self.ring[entry];
         let mut at = 0;
-        for part in [&self.counters, &self.query_buffer, &self.used, &self.requests] {
-            encoder.copy_buffer_to_buffer(part, 0, &ring.buffer, at, part.size());
-            at += part.size();
+        let whole = [&self.query_buffer, &self.used, &self.requests].map(|b| (b, b.size()));
+        for (part, size) in [(&self.counters, COUNTER_BYTES)].into_iter().chain(whole) {
+            encoder.copy_buffer_to_buffer(part, 0, &ring.buffer, at, size);
+            at += size;
         }
         ring.frame = frame.frame;
         Some(entry)
@@ -350,7 +353,7 @@ impl Caster {
             match ring.state.load(Ordering::Acquire) {
                 2 => {
                     if let Ok(view) = ring.buffer.slice(..).get_mapped_range() {
-                        let sizes = [self.counters.size(), self.query_buffer.size(), self.used.size()];
+                        let sizes = [COUNTER_BYTES, self.query_buffer.size(), self.used.size()];
                         arrived.push(parse(ring.frame, &view, sizes, gpu.timestamp_period, pools));
                     }
                     ring.buffer.unmap();

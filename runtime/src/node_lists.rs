@@ -187,23 +187,40 @@ fn resolve(frame: u32, requests: &[Request], trees: &[ActiveTree]) -> NodeList {
     let mut nodes = Nodes::new();
     let mut pages = HashMap::new();
     for request in requests {
-        let Some(active) = trees.get(request.tree as usize) else { continue };
+        let Some(active) = trees.get(request.tree as usize) else {
+            continue;
+        };
         let found = active.state.find(request.level, UVec3::from_array(request.node));
         let mut parent = 0;
         for (level, node) in found.path() {
-            nodes.entry((level, active.tree, node)).or_insert((parent, request.tree, true)).2 = true;
+            nodes
+                .entry((level, active.tree, node))
+                .or_insert((parent, request.tree, true))
+                .2 = true;
             if level + SUBTREE_LEVELS == request.level {
                 add_subtree(&mut nodes, active, level, node, request.level, request.tree);
             }
             parent = node;
         }
         if let (Stop::NotResident, Some((level, _))) = (found.stop, found.deepest()) {
-            pages.entry(PageKey::Level { tree: active.tree, level: level + 1 }).or_insert(request.tree);
+            pages
+                .entry(PageKey::Level {
+                    tree: active.tree,
+                    level: level + 1,
+                })
+                .or_insert(request.tree);
         }
     }
     let mut nodes: Vec<_> = nodes
         .into_iter()
-        .map(|((level, tree, node), (parent, order, brick))| WantedNode { tree, level, node, parent, order, brick })
+        .map(|((level, tree, node), (parent, order, brick))| WantedNode {
+            tree,
+            level,
+            node,
+            parent,
+            order,
+            brick,
+        })
         .collect();
     nodes.sort_unstable_by_key(|n| (n.level, n.order, n.node));
     let mut pages: Vec<_> = pages.into_iter().collect();
@@ -213,9 +230,15 @@ fn resolve(frame: u32, requests: &[Request], trees: &[ActiveTree]) -> NodeList {
 
 /// Adds the tiles below a node down to a level, each by its first node.
 fn add_subtree(nodes: &mut Nodes, active: &ActiveTree, level: u8, node: u32, last: u8, order: u32) {
-    let Some(page) = active.state.level(level) else { return };
-    let Some(tile) = page.nodes.get(node as usize).and_then(|n| n.children()) else { return };
-    nodes.entry((level + 1, active.tree, tile * 8)).or_insert((node, order, false));
+    let Some(page) = active.state.level(level) else {
+        return;
+    };
+    let Some(tile) = page.nodes.get(node as usize).and_then(|n| n.children()) else {
+        return;
+    };
+    nodes
+        .entry((level + 1, active.tree, tile * 8))
+        .or_insert((node, order, false));
     if level + 1 < last {
         for child in tile * 8..tile * 8 + 8 {
             add_subtree(nodes, active, level + 1, child, last, order);

@@ -21,7 +21,7 @@ use crate::node_lists::{ActiveTree, NodeList, NodeListProcessors};
 use crate::picture::Picture;
 use crate::settings::RenderSettings;
 use crate::terrain::Terrain;
-use crate::texture_pool::{Outcome, TexturePoolManager};
+use crate::texture_pool::TexturePoolManager;
 
 /// Frames after which an unseen tree is released.
 const TREE_KEEP_FRAMES: u64 = 300;
@@ -32,6 +32,8 @@ const SETTLE_LIMIT: u32 = 600;
 /// Pixels per axis of which one is drawn while a picture settles: a brick's voxels are about a pixel wide, so bricks are
 /// seldom missed.
 const PROBE_STRIDE: u32 = 4;
+/// Requests below which whole pictures find what is missing sooner than probes do.
+const PROBE_REQUESTS: u32 = 256;
 /// Most rounds of loading between two pictures while settling.
 const MAX_ROUNDS: usize = 64;
 /// Longest wait for loads before the picture is drawn again, while settling.
@@ -112,7 +114,7 @@ pub struct Renderer {
     frame: u32,
     list: NodeList,
     feedback: Feedback,
-    outcome: Outcome,
+    pending: usize,
     /// Trees of frames whose read-back is not here yet.
     in_flight: Vec<(u32, Arc<[ActiveTree]>)>,
     /// Of the last feedback, to resolve again when more levels are in RAM.
@@ -189,7 +191,7 @@ impl Renderer {
             frame: 0,
             list: NodeList::default(),
             feedback: Feedback::default(),
-            outcome: Outcome::default(),
+            pending: 0,
             in_flight: Vec::new(),
             feedback_trees: Arc::from([]),
             tree_used: vec![0; terrain.trees.len()],
@@ -239,7 +241,7 @@ impl Renderer {
                 && report.trees_waiting == 0
                 && settings.bias + self.bias.extra() == report.bias;
             quiet = if calm { quiet + 1 } else { 0 };
-            if quiet >= 2 && stride > 1 {
+            if stride > 1 && (calm || self.feedback.request_count < PROBE_REQUESTS) {
                 (stride, quiet) = (1, 0);
             }
             if quiet >= 2 {
@@ -250,7 +252,7 @@ impl Renderer {
         }
         Err(RuntimeError::NotSettled {
             frames: SETTLE_LIMIT,
-            pending: self.outcome.pending,
+            pending: self.pending,
         })
     }
 
@@ -270,8 +272,7 @@ impl Renderer {
                 nodes: report.node_updates,
                 bytes: report.bytes_uploaded,
             };
-            let progress = !self.pager.is_idle() || report.uploads == MAX_UPLOAD_BRICKS;
-            if !progress || self.outcome.no_room > 0 {
+            if self.pager.is_idle() && !self.pool.upload_is_full() {
                 return Ok((prepared, uploads));
             }
             self.gpu.queue.submit([prepared.encoder.finish()]);
@@ -405,8 +406,8 @@ impl Renderer {
             }
         }
         report.trees_active = records.len();
-        self.outcome = self.pool.apply(&self.list, &mut self.pager, frame, brick_limit);
-        report.pending = self.outcome.pending;
+        self.pending = self.pool.apply(&self.list, &mut self.pager, frame, brick_limit);
+        report.pending = self.pending;
         self.pager.submit();
         self.faults.extend(
             self.pager
@@ -417,7 +418,7 @@ impl Renderer {
 
         let used: u32 = self.feedback.used_bricks.iter().map(|w| w.count_ones()).sum();
         let slots = f64::from(self.memory.sizes.bricks());
-        let demand = f64::from(used) + self.outcome.pending as f64;
+        let demand = f64::from(used) + self.pending as f64;
         let ram = self.pager.over_budget();
         self.bias.update(frame, camera, &[(demand, slots), (ram, 1.0)]);
         report.bias = settings.bias + self.bias.extra();
@@ -509,7 +510,11 @@ impl Renderer {
             brick_slots: sizes.bricks(),
             node_tiles: sizes.tiles,
             request_capacity: crate::caster::REQUEST_CAPACITY,
-            pad: 0,
+            request_share: self
+                .feedback
+                .request_count
+                .div_ceil(crate::caster::REQUEST_CAPACITY)
+                .max(1),
         }
     }
 

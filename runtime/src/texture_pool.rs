@@ -69,15 +69,6 @@ pub struct UploadBatch {
     pub bricks: Vec<BrickUpload>,
 }
 
-/// What a list asked for and what became of it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Outcome {
-    /// Asked for, not there, and not given up: on the way, or no room.
-    pub pending: usize,
-    /// Of those, bricks and tiles that found no slot.
-    pub no_room: usize,
-}
-
 /// The pools' directory.
 #[derive(Debug)]
 pub struct TexturePoolManager {
@@ -93,6 +84,8 @@ pub struct TexturePoolManager {
     /// The same for tiles.
     tile_victims: Vec<u32>,
     tile_victims_frame: u32,
+    /// Something waits for the next upload because this one is full.
+    upload_full: bool,
     dirty: Vec<u32>,
     is_dirty: Vec<bool>,
     bricks: Vec<BrickUpload>,
@@ -118,6 +111,7 @@ impl TexturePoolManager {
             victims_frame: 0,
             tile_victims: Vec::new(),
             tile_victims_frame: 0,
+            upload_full: false,
             dirty: Vec::new(),
             is_dirty: vec![false; sizes.tiles as usize * 8],
             bricks: Vec::new(),
@@ -129,9 +123,16 @@ impl TexturePoolManager {
         self.sizes.bricks() - self.free_slots.len() as u32
     }
 
-    /// True if another brick can be sent in this frame.
-    fn can_send(&self) -> bool {
-        self.bricks.len() < MAX_UPLOAD_BRICKS && self.dirty.len() + 64 < MAX_UPLOAD_NODES
+    /// True if another tile or brick can be sent in this frame.
+    fn can_send(&mut self) -> bool {
+        let fits = self.bricks.len() < MAX_UPLOAD_BRICKS && self.dirty.len() + 64 < MAX_UPLOAD_NODES;
+        self.upload_full |= !fits;
+        fits
+    }
+
+    /// True if the last upload left something that had a place.
+    pub fn upload_is_full(&self) -> bool {
+        self.upload_full
     }
 
     fn word(&mut self, node: u32) -> &mut [u32; 2] {
@@ -199,9 +200,11 @@ impl TexturePoolManager {
         }
     }
 
-    /// Makes resident what a list wants and RAM has; asks the pager for the rest.
-    pub fn apply(&mut self, list: &NodeList, pager: &mut Pager, frame: u32, brick_limit: usize) -> Outcome {
-        let mut outcome = Outcome::default();
+    /// Makes resident what a list wants and RAM has, at most `brick_limit` bricks (but one always moves); asks the pager for
+    /// the rest. Returns how many pages and bricks were asked for, were not there, and are not given up.
+    pub fn apply(&mut self, list: &NodeList, pager: &mut Pager, frame: u32, brick_limit: usize) -> usize {
+        let mut pending = 0;
+        self.upload_full = false;
         for &(key, order) in &list.pages {
             if pager
                 .tree(key.tree())
@@ -209,7 +212,7 @@ impl TexturePoolManager {
                 && !pager.is_failed(key)
             {
                 pager.request(key, priority(key.level(), order));
-                outcome.pending += 1;
+                pending += 1;
             }
         }
         for want in &list.nodes {
@@ -230,8 +233,7 @@ impl TexturePoolManager {
                     let added = parent
                         .and_then(|p| self.add_tile(want.tree, want.level, tile_index, p, &state, frame));
                     let Some(tile) = added else {
-                        outcome.pending += 1;
-                        outcome.no_room += usize::from(parent.is_some());
+                        pending += 1;
                         continue;
                     };
                     tile
@@ -258,22 +260,19 @@ impl TexturePoolManager {
             match pager.chunk(want.tree, want.level, chunk).cloned() {
                 Some(samples) => {
                     pager.touch(key);
-                    outcome.pending += 1;
-                    if self.bricks.len() < brick_limit.max(1)
-                        && self.parent_shows(tile)
-                        && self.add_brick(pool_node, samples, local, frame).is_none()
-                    {
-                        outcome.no_room += 1;
+                    pending += 1;
+                    if self.bricks.len() < brick_limit.max(1) && self.parent_shows(tile) {
+                        self.add_brick(pool_node, samples, local, frame);
                     }
                 }
                 None if pager.is_failed(key) => {}
                 None => {
                     pager.request(key, priority(want.level, want.order));
-                    outcome.pending += 1;
+                    pending += 1;
                 }
             }
         }
-        outcome
+        pending
     }
 
     /// The parent node of a tile has its brick (or needs none).

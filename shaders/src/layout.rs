@@ -41,10 +41,10 @@ pub struct Frame {
     pub brick_slots: u32,
     /// Node tiles in the pool.
     pub node_tiles: u32,
-    /// Requests that fit the compacted list.
+    /// Requests that fit the list.
     pub request_capacity: u32,
-    /// Unused.
-    pub pad: u32,
+    /// One of so many tiles of pixels may ask in a frame.
+    pub request_share: u32,
 }
 
 /// A tree in the list; `Tree` in `frame.wgsl`.
@@ -102,7 +102,9 @@ pub const BRICK: u32 = 1 << 30;
 
 /// Words of the counters at the head of the read-back.
 pub const COUNTER_WORDS: usize = 16;
-/// Counter: requests, those that did not fit the list counted too.
+/// Words of the table behind the counters, by which rays see what was asked for already.
+pub const TABLE_WORDS: usize = 16_384;
+/// Counter: requests without repetitions, those that did not fit the list counted too.
 pub const COUNTER_REQUESTS: usize = 0;
 /// Counter: rays that hit.
 pub const COUNTER_HITS: usize = 1;
@@ -129,7 +131,7 @@ pub struct Request {
 }
 
 impl Request {
-    /// Unpacks the first three words of a compacted request; `None` if there is none in them.
+    /// Unpacks the first three words of a request; `None` if there is none in them.
     pub fn unpack(words: [u32; 3]) -> Option<Self> {
         let [a, b, c] = words;
         let tree = (a & 0xffff).checked_sub(1)?;

@@ -6,10 +6,13 @@
 pub mod layout;
 
 /// The ray caster: entry point `cast_rays`, workgroups of 8×8 pixels.
-pub const CAST: &str =
-    concat!(include_str!("wgsl/frame.wgsl"), include_str!("wgsl/shade.wgsl"), include_str!("wgsl/cast.wgsl"));
+pub const CAST: &str = concat!(
+    include_str!("wgsl/frame.wgsl"),
+    include_str!("wgsl/shade.wgsl"),
+    include_str!("wgsl/cast.wgsl")
+);
 
-/// Feedback compaction: entry points `compact_pixels` (64 tiles of 8×8 pixels) and `compact_usage` (64 words).
+/// Feedback compaction: entry points `compact_pixels` (64 spans of 64 pixels) and `compact_usage` (64 words).
 pub const COMPACT: &str = concat!(include_str!("wgsl/frame.wgsl"), include_str!("wgsl/compact.wgsl"));
 
 /// Uploads: entry points `scatter_nodes` (64 words) and `scatter_bricks` (64 samples × one brick).
@@ -23,16 +26,31 @@ mod tests {
     fn module(source: &str) -> naga::Module {
         let module =
             naga::front::wgsl::parse_str(source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(source)));
-        naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::default())
-            .validate(&module)
-            .unwrap_or_else(|e| panic!("{}", e.emit_to_string(source)));
+        naga::valid::Validator::new(
+            naga::valid::ValidationFlags::all(),
+            naga::valid::Capabilities::default(),
+        )
+        .validate(&module)
+        .unwrap_or_else(|e| panic!("{}", e.emit_to_string(source)));
         module
     }
 
     fn struct_layout(module: &naga::Module, name: &str) -> (Vec<(String, u32)>, u32) {
-        let (_, ty) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).unwrap();
-        let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{name} is no struct") };
-        (members.iter().map(|m| (m.name.clone().unwrap(), m.offset)).collect(), *span)
+        let (_, ty) = module
+            .types
+            .iter()
+            .find(|(_, t)| t.name.as_deref() == Some(name))
+            .unwrap();
+        let naga::TypeInner::Struct { members, span } = &ty.inner else {
+            panic!("{name} is no struct")
+        };
+        (
+            members
+                .iter()
+                .map(|m| (m.name.clone().unwrap(), m.offset))
+                .collect(),
+            *span,
+        )
     }
 
     macro_rules! assert_layout {
@@ -51,22 +69,75 @@ mod tests {
         let cast = module(CAST);
         module(COMPACT);
         let scatter = module(SCATTER);
-        assert_layout!(&cast, layout::Frame, "Frame", [
-            size, tree_count, frame, screen_origin, screen_step, forward, right, up, sun, diffuse, footprint,
-            mix_levels, brick_side, slots, texel, brick_slots, node_tiles, request_capacity,
-        ]);
-        assert_layout!(&cast, layout::Tree, "Tree", [
-            base, depth0, base_x, inv_voxel, base_y, log2_root_voxel, root, depth, gain, texel_offset, rim,
-        ]);
-        assert_layout!(&scatter, layout::Scatter, "Scatter", [nodes, bricks, brick_side, slots]);
+        assert_layout!(
+            &cast,
+            layout::Frame,
+            "Frame",
+            [
+                size,
+                tree_count,
+                frame,
+                screen_origin,
+                screen_step,
+                forward,
+                right,
+                up,
+                sun,
+                diffuse,
+                footprint,
+                mix_levels,
+                brick_side,
+                slots,
+                texel,
+                brick_slots,
+                node_tiles,
+                request_capacity,
+                request_share,
+            ]
+        );
+        assert_layout!(
+            &cast,
+            layout::Tree,
+            "Tree",
+            [
+                base,
+                depth0,
+                base_x,
+                inv_voxel,
+                base_y,
+                log2_root_voxel,
+                root,
+                depth,
+                gain,
+                texel_offset,
+                rim,
+            ]
+        );
+        assert_layout!(
+            &scatter,
+            layout::Scatter,
+            "Scatter",
+            [nodes, bricks, brick_side, slots]
+        );
     }
 
     #[test]
     fn requests_unpack_as_the_rays_pack_them() {
         let (tree, level, p) = (65_000u32, 20u32, [0xf_fffeu32, 0xa_bcde, 0x1_2345]);
-        // As `ask` in cast.wgsl, with texture reads above the level.
-        let words = [(tree + 1) | level << 16 | 77 << 21, p[0] | p[1] << 20, p[1] >> 12 | p[2] << 8];
-        assert_eq!(layout::Request::unpack(words), Some(layout::Request { tree, level: 20, node: p }));
-        assert_eq!(layout::Request::unpack([5 << 21, 0, 0]), None);
+        // As `ask` in cast.wgsl.
+        let words = [
+            (tree + 1) | level << 16,
+            p[0] | p[1] << 20,
+            p[1] >> 12 | p[2] << 8,
+        ];
+        assert_eq!(
+            layout::Request::unpack(words),
+            Some(layout::Request {
+                tree,
+                level: 20,
+                node: p
+            })
+        );
+        assert_eq!(layout::Request::unpack([0, 5, 6]), None);
     }
 }

@@ -11,20 +11,22 @@
 @group(0) @binding(5) var linear_sampler: sampler;
 @group(0) @binding(6) var<storage, read_write> brick_stamps: array<atomic<u32>>;
 @group(0) @binding(7) var<storage, read_write> tile_stamps: array<atomic<u32>>;
-@group(0) @binding(8) var<storage, read_write> feedback: array<vec4<u32>>;
+@group(0) @binding(8) var<storage, read_write> feedback: array<vec2<u32>>;
 @group(0) @binding(9) var output: texture_storage_2d<rgba32float, write>;
+// The counters, of which the first counts requests, then the table of what was asked for.
+@group(0) @binding(10) var<storage, read_write> counters: array<atomic<u32>>;
+@group(0) @binding(11) var<storage, read_write> requests: array<vec4<u32>>;
 
 const MAX_LEVELS: u32 = 21u;
-const ORDINALS: u32 = 8u;
+// Requests that one ray may make.
+const MAX_REQUESTS: u32 = 16u;
 const FAR: f32 = 1e30;
 const SATURATED: f32 = 1.0 / 1024.0;
 
 // A ray's state across trees.
 var<private> rgb: vec3<f32>;
 var<private> transmittance: f32;
-var<private> request: vec3<u32>;
-var<private> lacking: u32;
-var<private> ordinal: u32;
+var<private> requests_left: u32;
 var<private> node_reads: u32;
 var<private> samples: u32;
 var<private> texture_reads: u32;
@@ -104,13 +106,23 @@ fn octant(cell: vec3<i32>, shift: u32) -> u32 {
     return bits.x | bits.y << 1u | bits.z << 2u;
 }
 
-// Neighbouring pixels lack the same nodes: one reports the first that it lacks, the next the second, so that what lies behind
-// one another is asked for together. A ray that lacks fewer reports its last.
+// Asks for a node, unless another ray has. The table remembers one request per entry, so a request may stand in the list more
+// than once, but seldom does.
 fn ask(tree_index: u32, level: u32, cell: vec3<i32>, shift: u32) {
-    if (lacking <= ordinal) {
-        lacking += 1u;
-        let p = vec3<u32>(cell >> vec3(shift));
-        request = vec3((tree_index + 1u) | level << 16u, p.x | p.y << 20u, p.y >> 12u | p.z << 8u);
+    if (requests_left == 0u) {
+        return;
+    }
+    requests_left -= 1u;
+    let p = vec3<u32>(cell >> vec3(shift));
+    let request = vec3((tree_index + 1u) | level << 16u, p.x | p.y << 20u, p.y >> 12u | p.z << 8u);
+    var hash = request.x * 0x9e3779b1u ^ request.y * 0x85ebca77u ^ request.z * 0xc2b2ae3du;
+    hash = (hash ^ hash >> 15u) * 0x2c1b3c6du;
+    hash = (hash ^ hash >> 13u) | 1u;
+    if (atomicExchange(&counters[COUNTER_WORDS + (hash >> 1u) % TABLE_WORDS], hash) != hash) {
+        let slot = atomicAdd(&counters[0], 1u);
+        if (slot < frame.request_capacity) {
+            requests[slot] = vec4(request, 0u);
+        }
     }
 }
 
@@ -307,7 +319,9 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     let screen = frame.screen_origin + frame.screen_step * vec2<f32>(id.xy);
     let direction = frame.forward.xyz + screen.x * frame.right.xyz + screen.y * frame.up.xyz;
     let path_length = length(direction);
-    ordinal = (id.x + 2u * id.y + frame.frame) % ORDINALS;
+    // Which tiles may ask goes round, so that a full list does not starve the same ones for ever.
+    let tile = id.x / 8u + id.y / 8u * 61u;
+    requests_left = select(0u, MAX_REQUESTS, (tile + frame.frame) % frame.request_share == 0u);
     for (var i = 0u; i < frame.tree_count; i++) {
         march(i, screen, direction, path_length);
         if (transmittance == 0.0) {
@@ -322,10 +336,6 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
         flags |= FLAG_NOT_FINITE;
     }
     textureStore(output, id.xy, color);
-    let reads = min(texture_reads, 2047u) << 21u;
-    feedback[id.y * frame.size.x + id.x] = vec4(
-        request.x | reads,
-        request.yz,
-        min(node_reads, 16383u) | min(samples, 16383u) << 14u | flags,
-    );
+    feedback[id.y * frame.size.x + id.x] =
+        vec2(min(node_reads, 16383u) | min(samples, 16383u) << 14u | flags, texture_reads);
 }

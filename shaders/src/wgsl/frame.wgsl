@@ -31,9 +31,10 @@ struct Frame {
     // Brick slots and node tiles in the pools, for the compaction.
     brick_slots: u32,
     node_tiles: u32,
-    // Requests that fit the compacted list.
+    // Requests that fit the list.
     request_capacity: u32,
-    pad: u32,
+    // One of so many tiles of pixels may ask in a frame, in turn: above 1 where the last frame asked for more than fits.
+    request_share: u32,
 }
 
 struct Tree {
@@ -68,10 +69,14 @@ const TERMINAL: u32 = 0x80000000u;
 const BRICK: u32 = 0x40000000u;
 const POINTER: u32 = 0x3fffffffu;
 
-// What a pixel reports: xyz a request (0: none), w its counters.
-//   x: 1 + index of the tree in the list (16 bits) | level << 16 (5 bits) | texture reads << 21 (11 bits)
-//   y, z: node coordinates, 20 bits each: y = x | low 12 bits of y << 20, z = high 8 bits of y | z << 8
-//   w: node reads (14 bits) | sample positions << 14 (14 bits) | flags << 28
+// A request: x: 1 + index of the tree in the list (16 bits) | level << 16; y, z: node coordinates, 20 bits each:
+// y = x | low 12 bits of y << 20, z = high 8 bits of y | z << 8.
+
+// What a pixel reports: x: node reads (14 bits) | sample positions << 14 (14 bits) | flags; y: texture reads.
 const FLAG_HIT: u32 = 1u << 28u;
 const FLAG_CAPPED: u32 = 1u << 29u;
 const FLAG_NOT_FINITE: u32 = 1u << 30u;
+
+// Words at the head of the read-back, and of the table behind them by which rays see what was asked for already.
+const COUNTER_WORDS: u32 = 16u;
+const TABLE_WORDS: u32 = 16384u;
