@@ -212,7 +212,9 @@ impl Octree {
 /// # Errors
 /// As [`crate::octree_binary::decode`] and [`crate::octree_xml::decode`].
 pub fn decode_any(bytes: &[u8]) -> Result<Octree, FormatError> {
-    if octree_binary::is_binary(bytes) {
+    if bytes.is_empty() {
+        Err(FormatError::file("the file is empty"))
+    } else if octree_binary::is_binary(bytes) {
         octree_binary::decode(bytes)
     } else {
         octree_xml::decode(bytes)

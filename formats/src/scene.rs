@@ -82,6 +82,17 @@ impl Scene {
     /// Everything that the module does not know or that is out of range, naming element and attribute, with line and
     /// column.
     pub fn parse(bytes: &[u8]) -> Result<Scene, FormatError> {
+        let (scene, faults) = Self::parse_usable(bytes)?;
+        faults.into_iter().next().map_or(Ok(scene), Err)
+    }
+
+    /// Reads a scene and leaves out the trees whose `TreeFile` may not be opened; their faults come beside it. For those
+    /// who show what can be shown.
+    ///
+    /// # Errors
+    /// As [`Scene::parse`], those of tree files excepted.
+    pub fn parse_usable(bytes: &[u8]) -> Result<(Scene, Vec<FormatError>), FormatError> {
+        let mut faults = Vec::new();
         let mut document = Document::new(bytes)?;
         let (mut trees, mut groups) = (0, 0);
         let (mut crs, mut root) = (None, None);
@@ -107,7 +118,10 @@ impl Scene {
                 Token::Open(element) => match open.last_mut() {
                     Some(group) if element.name == "PagedOctTree" => {
                         trees = count(&element, trees)?;
-                        group.trees.push(parse_tree(&element)?);
+                        match parse_tree(&element)? {
+                            Ok(tree) => group.trees.push(tree),
+                            Err(fault) => faults.push(fault),
+                        }
                         in_tree = true;
                     }
                     Some(_) => return Err(element.error("unknown element in OctTreeGroup")),
@@ -124,7 +138,7 @@ impl Scene {
                 Token::End => break,
             }
         }
-        root.map(|root| Scene { crs, root })
+        root.map(|root| (Scene { crs, root }, faults))
             .ok_or_else(|| FormatError::file("the scene has no root group"))
     }
 
@@ -180,7 +194,8 @@ fn parse_group(element: &Element, is_root: bool) -> Result<Group, FormatError> {
     })
 }
 
-fn parse_tree(element: &Element) -> Result<PagedOctTree, FormatError> {
+/// A tree, or in the inner result why its file may not be opened.
+fn parse_tree(element: &Element) -> Result<Result<PagedOctTree, FormatError>, FormatError> {
     let mut known = vec!["Radius", "TreeFile"];
     known.extend(CENTER.iter().chain(&MIN).chain(&MAX));
     element.allow(&known)?;
@@ -191,16 +206,16 @@ fn parse_tree(element: &Element) -> Result<PagedOctTree, FormatError> {
     }
     let file = element.required("TreeFile")?;
     if let Some(why) = path_fault(file.value()) {
-        return Err(file.error(format!(
+        return Ok(Err(file.error(format!(
             "leaves the terrain's folder or is not a file name: {why}"
-        )));
+        ))));
     }
-    Ok(PagedOctTree {
+    Ok(Ok(PagedOctTree {
         center: element.metres3(CENTER)?.into(),
         radius: metres,
         bounds: parse_bounds(element)?,
         tree_file: file.value().to_string(),
-    })
+    }))
 }
 
 /// The brick size, which is the same in all files.

@@ -6,8 +6,8 @@ use brickfell_pager::PageFault;
 #[derive(Debug, thiserror::Error)]
 pub enum RuntimeError {
     /// No GPU or software device to draw with.
-    #[error("no Vulkan, Metal or DirectX 12 adapter found: {0}")]
-    NoAdapter(String),
+    #[error("no Vulkan, Metal or DirectX 12 adapter was found")]
+    NoAdapter,
     /// The adapter refused the device.
     #[error("the adapter {adapter} gives no device: {reason}")]
     NoDevice {

@@ -39,9 +39,7 @@ impl Gpu {
             wgpu::DeviceType::Other => 3,
             wgpu::DeviceType::Cpu => 4,
         });
-        let adapter = adapters.into_iter().next().ok_or_else(|| {
-            RuntimeError::NoAdapter("install a driver, for instance Debian's mesa-vulkan-drivers".into())
-        })?;
+        let adapter = adapters.into_iter().next().ok_or(RuntimeError::NoAdapter)?;
         let info = adapter.get_info();
         let wanted = wgpu::Features::TIMESTAMP_QUERY;
         let features = adapter.features() & wanted;

@@ -36,8 +36,8 @@ const PROBE_STRIDE: u32 = 4;
 const PROBE_REQUESTS: u32 = 256;
 /// Most rounds of loading between two pictures while settling.
 const MAX_ROUNDS: usize = 64;
-/// Longest wait for loads before the picture is drawn again, while settling.
-const LOAD_WAIT: Duration = Duration::from_secs(5);
+/// Longest wait for a load at a time, while settling.
+const LOAD_WAIT: Duration = Duration::from_millis(200);
 
 /// Budgets and threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -276,12 +276,15 @@ impl Renderer {
                 return Ok((prepared, uploads));
             }
             self.gpu.queue.submit([prepared.encoder.finish()]);
-            let deadline = Instant::now() + LOAD_WAIT;
-            while !self.pager.is_idle() && Instant::now() < deadline {
-                self.pager.wait_for_progress(Duration::from_millis(50));
+            // Until nothing is under way; what failed is asked for again in the next round.
+            let mut stats = self.pager.stats();
+            while stats.queued + stats.loading + stats.ready > 0 {
+                self.pager.wait_for_progress(LOAD_WAIT);
                 self.frame += 1;
                 self.pager.merge(u64::from(self.frame));
+                stats = self.pager.stats();
             }
+            self.pager.wait_for_progress(LOAD_WAIT);
             self.resolve_again();
         }
         Ok((self.prepare(camera, settings, MAX_UPLOAD_BRICKS)?, uploads))

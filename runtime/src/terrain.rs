@@ -95,10 +95,11 @@ impl Terrain {
         };
         let len = store.len(SCENE_FILE).map_err(read)?;
         let bytes = store.read(SCENE_FILE, 0, len as usize).map_err(read)?;
-        let scene = Scene::parse(&bytes).map_err(|source| TerrainError::Format {
+        let (scene, faults) = Scene::parse_usable(&bytes).map_err(|source| TerrainError::Format {
             path: path.clone(),
             source,
         })?;
+        let faults = faults.iter().map(|fault| format!("{path}: {fault}")).collect();
         let trees: Vec<String> = scene.trees().map(|t| t.tree_file.clone()).collect();
         let layout = trees
             .iter()
@@ -108,7 +109,7 @@ impl Terrain {
             store: store.as_ref(),
             builder: SceneGraph::builder(),
             next: 0,
-            faults: Vec::new(),
+            faults,
         };
         opening
             .add_group(None, &scene.root)

@@ -2,12 +2,12 @@
 //!
 //! Owned by the render thread. Invariants, between frames:
 //! - the resident set is closed under parents: a tile's parent node is resident, a brick's node too, and a brick is
-//!   uploaded only after its parent's;
+//!   uploaded only after its parent's, unless that was given up;
 //! - the mirror of the node words is what the device will hold after the next upload; every changed word is in the upload;
 //! - what was used in the last [`LATENCY`] frames is not evicted (the read-back is that late), nor are roots in use;
 //! - use passes on to ancestors, so the oldest entry, deepest first, never has a resident descendant that is younger.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use brickfell_culler::TreeId;
@@ -204,6 +204,8 @@ impl TexturePoolManager {
     /// the rest. Returns how many pages and bricks were asked for, were not there, and are not given up.
     pub fn apply(&mut self, list: &NodeList, pager: &mut Pager, frame: u32, brick_limit: usize) -> usize {
         let mut pending = 0;
+        // Nodes whose bricks were given up: what lies below them is shown without them.
+        let mut given_up = HashSet::new();
         self.upload_full = false;
         for &(key, order) in &list.pages {
             if pager
@@ -261,11 +263,15 @@ impl TexturePoolManager {
                 Some(samples) => {
                     pager.touch(key);
                     pending += 1;
-                    if self.bricks.len() < brick_limit.max(1) && self.parent_shows(tile) {
+                    let parent = self.tiles[tile as usize].parent;
+                    let ready = self.shows(parent) || given_up.contains(&parent);
+                    if self.bricks.len() < brick_limit.max(1) && ready {
                         self.add_brick(pool_node, samples, local, frame);
                     }
                 }
-                None if pager.is_failed(key) => {}
+                None if pager.is_failed(key) => {
+                    given_up.insert(pool_node);
+                }
                 None => {
                     pager.request(key, priority(want.level, want.order));
                     pending += 1;
@@ -275,11 +281,10 @@ impl TexturePoolManager {
         pending
     }
 
-    /// The parent node of a tile has its brick (or needs none).
-    fn parent_shows(&self, tile: u32) -> bool {
-        let parent = self.tiles[tile as usize].parent;
-        parent == NONE || {
-            let [structure, slot] = self.peek(parent);
+    /// The node has its brick or needs none (`NONE`, above a root, needs none).
+    fn shows(&self, node: u32) -> bool {
+        node == NONE || {
+            let [structure, slot] = self.peek(node);
             structure & BRICK == 0 || slot != 0
         }
     }

@@ -1,11 +1,11 @@
 //! brickfell's tools: the builder and the program's commands.
 
+pub mod bench;
 pub mod build;
 pub mod commands;
-pub mod input;
 pub mod flight;
 pub mod holes;
+pub mod input;
+mod noise;
 pub mod picture_file;
 pub mod report;
-pub mod bench;
-mod noise;

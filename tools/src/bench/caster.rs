@@ -29,7 +29,13 @@ const VOXELS: u32 = 1024;
 fn views() -> Result<[(&'static str, Camera); 2], CommandError> {
     let look = |eye: DVec3, down: f64| {
         let down = down.to_radians();
-        Camera::look_at(eye, eye + DVec3::new(0.0, down.cos(), -down.sin()), FOV, WIDTH, HEIGHT)
+        Camera::look_at(
+            eye,
+            eye + DVec3::new(0.0, down.cos(), -down.sin()),
+            FOV,
+            WIDTH,
+            HEIGHT,
+        )
     };
     let stand = DVec2::new(0.5, 0.1) * HILLS_SIZE;
     let far = DVec3::new(0.5 * HILLS_SIZE, 0.16 * HILLS_SIZE, 38.0);
@@ -47,11 +53,21 @@ fn open(settings: &Settings<'_>) -> Result<(Arc<dyn Store>, Terrain), CommandErr
 }
 
 fn renderer(store: Arc<dyn Store>, terrain: Terrain) -> Result<Renderer, CommandError> {
-    let config = RendererConfig { ram_budget: 2 << 30, gpu_budget: 1 << 30, ..Default::default() };
+    let config = RendererConfig {
+        ram_budget: 2 << 30,
+        gpu_budget: 1 << 30,
+        ..Default::default()
+    };
     Ok(Renderer::new(open_gpu()?, store, terrain, config)?)
 }
 
-fn figures(view: &str, backend: &str, setting: &str, ms: f64, counters: &RayCounters) -> Result<Row, CommandError> {
+fn figures(
+    view: &str,
+    backend: &str,
+    setting: &str,
+    ms: f64,
+    counters: &RayCounters,
+) -> Result<Row, CommandError> {
     row(json!({
         "scene": SCENE,
         "view": view,
@@ -105,8 +121,12 @@ pub fn default_rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let mut renderer = renderer(store, terrain)?;
     let mut rows = Vec::new();
     for (view, camera) in views()? {
-        let (ms, counters) =
-            measure(&mut renderer, &camera, &RenderSettings::default(), repetitions(settings))?;
+        let (ms, counters) = measure(
+            &mut renderer,
+            &camera,
+            &RenderSettings::default(),
+            repetitions(settings),
+        )?;
         let mut row = figures(view, &backend(&renderer), "default", ms, &counters)?;
         row.remove("setting");
         rows.push(row);
@@ -125,7 +145,13 @@ pub fn variants(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let default = RenderSettings::default();
     let variants = [
         ("default", default),
-        ("nearest level", RenderSettings { mix_levels: false, ..default }),
+        (
+            "nearest level",
+            RenderSettings {
+                mix_levels: false,
+                ..default
+            },
+        ),
         ("bias 0", RenderSettings { bias: 0.0, ..default }),
         ("bias +1", RenderSettings { bias: 1.0, ..default }),
     ];
@@ -140,7 +166,13 @@ pub fn variants(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
         reference.render(&camera, &default)?;
         let start = Instant::now();
         let (_, counters) = reference.render(&camera, &default)?;
-        rows.push(figures(view, "reference", "default", start.elapsed().as_secs_f64() * 1e3, &counters)?);
+        rows.push(figures(
+            view,
+            "reference",
+            "default",
+            start.elapsed().as_secs_f64() * 1e3,
+            &counters,
+        )?);
     }
     Ok(rows)
 }

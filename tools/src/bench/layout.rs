@@ -48,7 +48,12 @@ fn open(folder: &Path, voxels: u32, layout: SampleLayout) -> Result<Database, Co
             bytes += store.len(&brickfell_formats::bricks::brick_file_name(name, level))?;
         }
     }
-    Ok(Database { layout, reference: Reference::new(store, &trees)?, bytes, bricks })
+    Ok(Database {
+        layout,
+        reference: Reference::new(store, &trees)?,
+        bytes,
+        bricks,
+    })
 }
 
 /// Mean of `side`² rays per pixel: one ray per pixel of a picture that many times as large, averaged.
@@ -69,7 +74,11 @@ fn supersampled(
             sum[c] += pixel[c] * share;
         }
     }
-    Ok(Picture { width: WIDTH, height: HEIGHT, pixels })
+    Ok(Picture {
+        width: WIDTH,
+        height: HEIGHT,
+        pixels,
+    })
 }
 
 /// Peak signal-to-noise ratio over premultiplied linear RGBA, dB, at most 99.
@@ -82,7 +91,11 @@ fn psnr(a: &Picture, b: &Picture) -> f64 {
         .map(|(x, y)| f64::from(x - y).powi(2))
         .sum();
     let mean = squares / (a.pixels.len() * 4) as f64;
-    if mean > 0.0 { (-10.0 * mean.log10()).min(99.0) } else { 99.0 }
+    if mean > 0.0 {
+        (-10.0 * mean.log10()).min(99.0)
+    } else {
+        99.0
+    }
 }
 
 /// Suite `layout`.
@@ -91,21 +104,43 @@ fn psnr(a: &Picture, b: &Picture) -> f64 {
 /// If a scene cannot be built or drawn.
 pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let layouts = [SampleLayout::Corner, SampleLayout::Centre];
-    let open_all = |voxels| layouts.iter().map(|l| open(settings.folder, voxels, *l)).collect::<Result<Vec<_>, _>>();
+    let open_all = |voxels| {
+        layouts
+            .iter()
+            .map(|l| open(settings.folder, voxels, *l))
+            .collect::<Result<Vec<_>, _>>()
+    };
     let (judged, truths) = (open_all(VOXELS)?, open_all(VOXELS * 2)?);
     let s = HILLS_SIZE;
     let views = [
-        ("down", DVec3::new(0.5 * s, 0.2 * s, 45.0), DVec3::new(0.5 * s, 0.55 * s, 10.0)),
-        ("across", DVec3::new(0.1 * s, 0.05 * s, 36.0), DVec3::new(0.7 * s, 0.9 * s, 8.0)),
-        ("distant", DVec3::new(-1.5 * s, -2.0 * s, 140.0), DVec3::new(0.5 * s, 0.5 * s, 15.0)),
+        (
+            "down",
+            DVec3::new(0.5 * s, 0.2 * s, 45.0),
+            DVec3::new(0.5 * s, 0.55 * s, 10.0),
+        ),
+        (
+            "across",
+            DVec3::new(0.1 * s, 0.05 * s, 36.0),
+            DVec3::new(0.7 * s, 0.9 * s, 8.0),
+        ),
+        (
+            "distant",
+            DVec3::new(-1.5 * s, -2.0 * s, 140.0),
+            DVec3::new(0.5 * s, 0.5 * s, 15.0),
+        ),
     ];
     let side = if settings.quick { 2 } else { 4 };
     let mut rows = Vec::new();
     for (view, eye, target) in views {
         // The truth's rays take the finest samples that their own, smaller pixels ask for.
-        let sharp = RenderSettings { bias: -1.0, ..RenderSettings::default() };
-        let truth: Vec<Picture> =
-            truths.iter().map(|t| supersampled(t, (eye, target), &sharp, side)).collect::<Result<_, _>>()?;
+        let sharp = RenderSettings {
+            bias: -1.0,
+            ..RenderSettings::default()
+        };
+        let truth: Vec<Picture> = truths
+            .iter()
+            .map(|t| supersampled(t, (eye, target), &sharp, side))
+            .collect::<Result<_, _>>()?;
         for database in &judged {
             let picture = supersampled(database, (eye, target), &RenderSettings::default(), 1)?;
             rows.push(row(json!({

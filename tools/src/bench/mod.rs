@@ -40,24 +40,41 @@ pub struct Suite {
 
 /// All suites.
 pub const SUITES: &[Suite] = &[
-    Suite { name: "caster", about: "the GPU ray caster at its default setting", run: caster::default_rows },
-    Suite { name: "caster-variants", about: "what its settings cost, and the CPU reference", run: caster::variants },
-    Suite { name: "layout", about: "error and memory of the two sample layouts", run: layout::rows },
+    Suite {
+        name: "caster",
+        about: "the GPU ray caster at its default setting",
+        run: caster::default_rows,
+    },
+    Suite {
+        name: "caster-variants",
+        about: "what its settings cost, and the CPU reference",
+        run: caster::variants,
+    },
+    Suite {
+        name: "layout",
+        about: "error and memory of the two sample layouts",
+        run: layout::rows,
+    },
 ];
 
 /// Makes a row of something that serialises to an object.
 pub(crate) fn row(value: impl Serialize) -> Result<Row, CommandError> {
     match serde_json::to_value(value)? {
         Value::Object(map) => Ok(map),
-        other => Err(CommandError { message: format!("a row is an object, not {other}"), hint: None }),
+        other => Err(CommandError {
+            message: format!("a row is an object, not {other}"),
+            hint: None,
+        }),
     }
 }
 
 /// `bench.json`: the machine and the suites' rows.
 pub fn to_json(adapter: &str, suites: &[(String, Vec<Row>)]) -> Value {
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
-    let suites: Map<String, Value> =
-        suites.iter().map(|(name, rows)| (name.clone(), json!({ "rows": rows }))).collect();
+    let suites: Map<String, Value> = suites
+        .iter()
+        .map(|(name, rows)| (name.clone(), json!({ "rows": rows })))
+        .collect();
     json!({
         "machine": {
             "os": std::env::consts::OS,
@@ -90,7 +107,9 @@ pub fn to_csv(suites: &[(String, Vec<Row>)]) -> String {
 
 /// The rows of a suite as an aligned table for the terminal.
 pub fn to_table(rows: &[Row]) -> String {
-    let Some(first) = rows.first() else { return String::new() };
+    let Some(first) = rows.first() else {
+        return String::new();
+    };
     let text = |value: &Value| match value {
         Value::String(s) => s.clone(),
         Value::Number(n) if n.is_f64() => format!("{:.3}", n.as_f64().unwrap_or(0.0)),
@@ -99,13 +118,18 @@ pub fn to_table(rows: &[Row]) -> String {
     let columns: Vec<Vec<String>> = first
         .keys()
         .map(|key| {
-            std::iter::once(key.clone()).chain(rows.iter().map(|r| r.get(key).map_or(String::new(), text))).collect()
+            std::iter::once(key.clone())
+                .chain(rows.iter().map(|r| r.get(key).map_or(String::new(), text)))
+                .collect()
         })
         .collect();
     let width = |column: &Vec<String>| column.iter().map(|c| c.chars().count()).max().unwrap_or(0);
     (0..=rows.len())
         .map(|k| {
-            let cells: Vec<String> = columns.iter().map(|c| format!("{:>1$}", c[k], width(c))).collect();
+            let cells: Vec<String> = columns
+                .iter()
+                .map(|c| format!("{:>1$}", c[k], width(c)))
+                .collect();
             cells.join("  ") + "\n"
         })
         .collect()
@@ -117,7 +141,10 @@ mod tests {
 
     #[test]
     fn csv_and_table_hold_every_value() {
-        let rows = vec![row(json!({"a": 1.5, "b": "x\"y"})).unwrap(), row(json!({"a": 22, "b": "z"})).unwrap()];
+        let rows = vec![
+            row(json!({"a": 1.5, "b": "x\"y"})).unwrap(),
+            row(json!({"a": 22, "b": "z"})).unwrap(),
+        ];
         let suites = vec![("s".to_string(), rows.clone())];
         assert_eq!(
             to_csv(&suites),

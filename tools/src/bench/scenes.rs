@@ -47,15 +47,26 @@ fn write_hills(folder: &Path, pixels: u32) -> Result<HeightInput, CommandError> 
     fs::create_dir_all(folder)?;
     let step = HILLS_SIZE / f64::from(pixels);
     let at = |x: u32, y: u32| {
-        DVec2::new((f64::from(x) + 0.5) * step, HILLS_SIZE - (f64::from(y) + 0.5) * step)
+        DVec2::new(
+            (f64::from(x) + 0.5) * step,
+            HILLS_SIZE - (f64::from(y) + 0.5) * step,
+        )
     };
     let scale = RELIEF / 65_535.0;
-    let heights: ImageBuffer<Luma<u16>, _> =
-        ImageBuffer::from_fn(pixels, pixels, |x, y| Luma([(hill_height(at(x, y)) / scale).round() as u16]));
-    let colors: ImageBuffer<Rgb<u8>, _> = ImageBuffer::from_fn(pixels, pixels, |x, y| Rgb(hill_color(at(x, y))));
-    let world = format!("{step}\n0\n0\n-{step}\n{}\n{}\n", 0.5 * step, HILLS_SIZE - 0.5 * step);
+    let heights: ImageBuffer<Luma<u16>, _> = ImageBuffer::from_fn(pixels, pixels, |x, y| {
+        Luma([(hill_height(at(x, y)) / scale).round() as u16])
+    });
+    let colors: ImageBuffer<Rgb<u8>, _> =
+        ImageBuffer::from_fn(pixels, pixels, |x, y| Rgb(hill_color(at(x, y))));
+    let world = format!(
+        "{step}\n0\n0\n-{step}\n{}\n{}\n",
+        0.5 * step,
+        HILLS_SIZE - 0.5 * step
+    );
     heights.save(&input.path).map_err(io::Error::other)?;
-    colors.save(folder.join("imagery.png")).map_err(io::Error::other)?;
+    colors
+        .save(folder.join("imagery.png"))
+        .map_err(io::Error::other)?;
     fs::write(folder.join("heights.pgw"), &world)?;
     fs::write(folder.join("imagery.pgw"), &world)?;
     let side_file = format!(

@@ -1,6 +1,6 @@
 //! The builder: height maps and meshes in, a terrain database out.
 //!
-//! World is lattice index × voxel, everywhere ([`lattice`]). A sample's value is a pure function of its place on the
+//! World is lattice index × voxel, everywhere (`lattice`). A sample's value is a pure function of its place on the
 //! lattice, its level and the inputs, never of the tree that stores it; so borders are right across bricks and trees at
 //! every level, and trees are built one by one, each over its box and a margin of one root voxel, which is all that the
 //! aprons of its coarsest level are made from.

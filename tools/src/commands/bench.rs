@@ -30,10 +30,16 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     let scenes = args.out.join("scenes");
     std::fs::create_dir_all(&scenes)
         .map_err(|e| CommandError::new(format!("{}: {e}", scenes.display()), "may you write there?"))?;
-    let settings = Settings { folder: &scenes, quick: args.quick };
+    let settings = Settings {
+        folder: &scenes,
+        quick: args.quick,
+    };
     let adapter = open_gpu()?.describe();
     let mut results = Vec::new();
-    for suite in SUITES.iter().filter(|s| args.suites.is_empty() || args.suites.iter().any(|n| n == s.name)) {
+    for suite in SUITES
+        .iter()
+        .filter(|s| args.suites.is_empty() || args.suites.iter().any(|n| n == s.name))
+    {
         println!("{}: {}", suite.name, suite.about);
         let rows = (suite.run)(&settings)?;
         println!("{}", to_table(&rows));

@@ -35,7 +35,7 @@ const OVERVIEW_FRAMES: usize = 240;
 pub struct Args {
     /// Folder of the terrain
     pub dir: PathBuf,
-    /// Camera path, JSON: {"keys":[{"t":0,"eye":[x,y,z],"target":[x,y,z]},…]}; without it an orbit
+    /// Camera path, JSON: `{"keys":[{"t":0,"eye":[x,y,z],"target":[x,y,z]},…]}`; without it an orbit
     #[arg(long, value_name = "FILE")]
     pub path: Option<PathBuf>,
     /// Frames to draw; without `--fps` spread over the path

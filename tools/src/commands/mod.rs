@@ -34,13 +34,19 @@ pub struct CommandError {
 impl CommandError {
     /// An error with a hint.
     pub fn new(error: impl fmt::Display, hint: &'static str) -> Self {
-        Self { message: error.to_string(), hint: Some(hint) }
+        Self {
+            message: error.to_string(),
+            hint: Some(hint),
+        }
     }
 }
 
 impl<E: std::error::Error> From<E> for CommandError {
     fn from(error: E) -> Self {
-        Self { message: error.to_string(), hint: None }
+        Self {
+            message: error.to_string(),
+            hint: None,
+        }
     }
 }
 
@@ -69,7 +75,7 @@ pub fn open_terrain(folder: &Path) -> Result<(Arc<dyn Store>, Terrain), CommandE
 /// If there is no adapter.
 pub fn open_gpu() -> Result<Arc<Gpu>, CommandError> {
     Gpu::open().map_err(|e| match e {
-        RuntimeError::NoAdapter(_) => CommandError::new(
+        RuntimeError::NoAdapter => CommandError::new(
             e,
             "a software device is enough: `apt-get install mesa-vulkan-drivers` on Debian and Ubuntu",
         ),

@@ -3,8 +3,8 @@
 use glam::{DVec2, DVec3};
 
 use super::model::Model;
-use crate::noise::Random;
 use super::terrain::{Site, Terrain};
+use crate::noise::Random;
 
 /// How deep walls reach into the ground, metres.
 const SUNK: f64 = 0.8;

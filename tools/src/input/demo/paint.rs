@@ -4,8 +4,8 @@ use glam::DVec2;
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 
-use crate::noise::{fractal, noise, smoothstep};
 use super::terrain::{Ground, Terrain};
+use crate::noise::{fractal, noise, smoothstep};
 
 /// sRGB 0..1.
 type Color = [f64; 3];

@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 use glam::{DVec2, DVec3};
 
 use super::model::Model;
-use crate::noise::Random;
 use super::terrain::Terrain;
 use super::textures::Leaves;
+use crate::noise::Random;
 
 /// Distance between places where a tree may stand, metres.
 const SPACING: f64 = 4.2;
