@@ -1,4 +1,4 @@
-//! The one owner of the footprint bias that keeps the working set inside the pool (design §8).
+//! The one owner of the footprint bias that keeps the working set inside the pool.
 //!
 //! `demand` is what the last frame's rays used and lacked, in bricks. Above 90 % of the pool the bias rises by half the
 //! binary logarithm of the excess (a bias of one halves the resolution: a quarter of the bricks on a surface). It falls

@@ -1,6 +1,6 @@
 //! The frame loop: the one code that flies, renders, benches and shows a window.
 //!
-//! A frame, on the render thread (design §3): take what read-backs arrived, publish finished loads, cull, make resident what
+//! A frame, on the render thread: take what read-backs arrived, publish finished loads, cull, make resident what
 //! rays asked for, upload, cast, compact, start the next read-back. Nothing in [`Renderer::frame`] waits for a disk or for
 //! the device. [`Renderer::settle`] repeats frames, and does wait, until a picture has all it asks for.
 
