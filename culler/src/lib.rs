@@ -38,9 +38,8 @@
 //! # Why not sort by distance
 //!
 //! Compositing front to back needs the order in which rays meet the trees, and distance is something else: a near
-//! corner of a long box can lie closer than a small box in front of it. Measured on neighbouring pairs, depth along the
-//! view axis misorders 4 % on a regular grid, and the distance of the centres 0.8 % where sizes are mixed. Here order
-//! is derived from planes that part the boxes (see [`precedence`]), which is exact, and a test proves it with rays.
+//! corner of a long box can lie closer than a small box in front of it, and depth along the view axis is wrong even on a
+//! regular grid. Here order is derived from planes that part the boxes (see [`precedence`]), which is exact, and a test proves it with rays.
 //! Two things have no exact order: trees that overlap, and trees that hide each other in a cycle as three crossed
 //! beams do. [`CullResult::order_exact`] then is false, and a caster that must be right lets each ray sort its trees.
 //!

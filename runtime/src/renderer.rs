@@ -1,4 +1,4 @@
-//! The frame loop: the one code that flies, renders, benches and shows a window.
+//! The frame loop: the one code that flies, renders and benches.
 //!
 //! A frame, on the render thread: take what read-backs arrived, publish finished loads, cull, make resident what
 //! rays asked for, upload, cast, compact, start the next read-back. Nothing in [`Renderer::frame`] waits for a disk or for
