@@ -245,3 +245,6 @@ fn add_subtree(nodes: &mut Nodes, active: &ActiveTree, level: u8, node: u32, las
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -19,7 +19,7 @@ mod tree;
 mod walk;
 
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 #[cfg(test)]
 mod tests_files;
 #[cfg(test)]

@@ -18,11 +18,11 @@ use crate::settings::RenderSettings;
 
 /// Trees in memory.
 #[derive(Default)]
-pub(super) struct Store(pub(super) MemoryStore);
+pub(crate) struct Store(pub(crate) MemoryStore);
 
 /// What a node of a test tree is.
 #[derive(Clone, Copy)]
-pub(super) enum Kind {
+pub(crate) enum Kind {
     /// A constant node without children.
     Leaf([u8; 4]),
     /// A constant node with children.
@@ -34,7 +34,7 @@ pub(super) enum Kind {
 }
 
 /// A header with its low corner at `origin` and finest voxels of `voxel_size` metres.
-pub(super) fn header(
+pub(crate) fn header(
     origin: DVec3,
     voxel_size: f64,
     depth: u8,
@@ -56,7 +56,7 @@ pub(super) fn header(
 impl Store {
     /// Writes a tree: `kind` says what the node at a position (in nodes of its level) is, `sample` gives the sample at a
     /// lattice index (in voxels of its level) of the tree.
-    pub(super) fn add(
+    pub(crate) fn add(
         &mut self,
         name: &str,
         header: TreeHeader,
@@ -147,7 +147,7 @@ fn brick_file(
 }
 
 /// A grey sample without normal.
-pub(super) fn grey(code: u8, alpha: u8) -> Stored {
+pub(crate) fn grey(code: u8, alpha: u8) -> Stored {
     Stored {
         color: [code, code, code, alpha],
         normal: [0; 4],

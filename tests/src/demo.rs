@@ -1,0 +1,94 @@
+//! The generated demo terrain, smaller than the one that is flown, built by the builder once for each set of arguments.
+
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+
+use brickfell::build::{BuildArgs, HeightInput, Silent, build};
+use brickfell::input::demo::{DemoInput, write_demo};
+use brickfell::input::{HeightMap, HeightOptions, load_layer};
+use brickfell_formats::layout::SampleLayout;
+use glam::DVec3;
+
+use crate::world::World;
+
+/// Side of the terrain, metres.
+pub const SIZE: f64 = 64.0;
+/// Side of a finest voxel, metres.
+pub const VOXEL: f64 = 0.25;
+const SEED: u64 = 3;
+
+/// The demo terrain in a folder that this process has for itself.
+pub struct Demo {
+    folder: PathBuf,
+    /// Held until the process ends: another one that tests at the same time waits.
+    _lock: File,
+    input: DemoInput,
+    ground: HeightMap,
+    built: HashMap<(u32, SampleLayout), World>,
+}
+
+impl Demo {
+    /// Writes the input anew into a sub-folder of `folder` (give `env!("CARGO_TARGET_TMPDIR")`), and waits for other
+    /// processes that use it.
+    ///
+    /// # Panics
+    /// If it cannot be written.
+    pub fn new(folder: &Path) -> Self {
+        fs::create_dir_all(folder).unwrap();
+        let lock = File::create(folder.join("demo.lock")).unwrap();
+        lock.lock().unwrap();
+        let folder = folder.join("demo");
+        if folder.exists() {
+            // What an earlier builder built does not count.
+            fs::remove_dir_all(&folder).unwrap();
+        }
+        let input = write_demo(&folder.join("input"), SEED, SIZE).unwrap();
+        let (ground, _) = load_layer(&input.heights, None, HeightOptions::default()).unwrap();
+        Self {
+            folder,
+            _lock: lock,
+            input,
+            ground,
+            built: HashMap::new(),
+        }
+    }
+
+    /// The terrain built with trees of so many voxels per axis.
+    ///
+    /// # Panics
+    /// If the build fails or says that something is missing.
+    pub fn world(&mut self, tree_voxels: u32, layout: SampleLayout) -> World {
+        if let Some(world) = self.built.get(&(tree_voxels, layout)) {
+            return world.clone();
+        }
+        let out = self.folder.join(format!("{tree_voxels}-{layout:?}"));
+        let mut args = BuildArgs::new(&out);
+        args.inputs = self.input.meshes.clone();
+        args.heights = vec![HeightInput {
+            path: self.input.heights.clone(),
+            imagery: Some(self.input.imagery.clone()),
+        }];
+        args.voxel = Some(VOXEL);
+        args.tree_voxels = tree_voxels;
+        args.layout = layout;
+        let report = build(&args, &Silent).unwrap();
+        assert!(report.warnings.is_empty(), "{:?}", report.warnings);
+        let world = World::open(&out);
+        self.built.insert((tree_voxels, layout), world.clone());
+        world
+    }
+
+    /// The ground at a place, metres.
+    ///
+    /// # Panics
+    /// Outside the terrain.
+    pub fn ground(&self, x: f64, y: f64) -> f64 {
+        self.ground.height_at(x, y).unwrap()
+    }
+
+    /// A point so many metres above the ground.
+    pub fn above(&self, x: f64, y: f64, height: f64) -> DVec3 {
+        DVec3::new(x, y, self.ground(x, y) + height)
+    }
+}

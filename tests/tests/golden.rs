@@ -1,0 +1,226 @@
+//! The GPU's pictures of real terrains: against the reference, against each other, and in pools that are too small.
+
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+
+use brickfell::holes::count_holes;
+use brickfell_culler::Camera;
+use brickfell_formats::layout::SampleLayout;
+use brickfell_runtime::settings::RenderSettings;
+use brickfell_tests::demo::{Demo, SIZE};
+use brickfell_tests::exact::exactly;
+use brickfell_tests::pictures::{BOUND, SAME, assert_alike, covered};
+use brickfell_tests::world::{self, World, settled};
+use glam::DVec3;
+
+/// Voxels per axis of the trees: 32 m, so that the terrain has several columns of them.
+const TREE: u32 = 128;
+
+fn demo() -> MutexGuard<'static, Demo> {
+    static DEMO: OnceLock<Mutex<Demo>> = OnceLock::new();
+    DEMO.get_or_init(|| Mutex::new(Demo::new(Path::new(env!("CARGO_TARGET_TMPDIR")))))
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+}
+
+const PIXELS: [u32; 2] = [320, 240];
+
+fn camera(eye: DVec3, target: DVec3) -> Camera {
+    world::camera(eye, target, 60.0, PIXELS)
+}
+
+/// Everything from above, models from close by, and along the ground across the borders of trees.
+fn cameras(demo: &Demo) -> [(&'static str, Camera); 3] {
+    let middle = demo.above(0.5 * SIZE, 0.5 * SIZE, 0.0);
+    let stand = demo.above(0.5 * SIZE, 0.2 * SIZE, 4.0);
+    let ground = demo.above(3.0, 30.0, 1.0);
+    [
+        (
+            "overview",
+            camera(middle + DVec3::new(-50.0, -45.0, 45.0), middle),
+        ),
+        ("close", camera(stand, demo.above(0.4 * SIZE, 0.45 * SIZE, 2.0))),
+        ("grazing", camera(ground, ground + DVec3::new(60.0, 2.0, 0.5))),
+    ]
+}
+
+#[test]
+fn the_gpu_agrees_with_the_reference() {
+    exactly("the_gpu_agrees_with_the_reference", || {
+        let (world, cameras) = {
+            let mut demo = demo();
+            (demo.world(TREE, SampleLayout::Centre), cameras(&demo))
+        };
+        assert!(world.trees.len() >= 5, "{} trees", world.trees.len());
+        let mut renderer = world.renderer();
+        for (name, camera) in cameras {
+            let picture = world.check(name, &mut renderer, &camera, &RenderSettings::default(), BOUND);
+            assert!(covered(&picture) > 320 * 240 / 5, "{name} shows little");
+        }
+    });
+}
+
+#[test]
+fn the_gpu_agrees_with_the_reference_in_every_setting() {
+    exactly("the_gpu_agrees_with_the_reference_in_every_setting", || {
+        let default = RenderSettings::default();
+        let settings = [
+            ("default", default),
+            (
+                "nearest level",
+                RenderSettings {
+                    mix_levels: false,
+                    ..default
+                },
+            ),
+            ("bias 0", RenderSettings { bias: 0.0, ..default }),
+            ("bias 1", RenderSettings { bias: 1.0, ..default }),
+        ];
+        for layout in [SampleLayout::Corner, SampleLayout::Centre] {
+            let (world, cameras) = {
+                let mut demo = demo();
+                (demo.world(TREE, layout), cameras(&demo))
+            };
+            let mut renderer = world.renderer();
+            for (setting, render) in settings {
+                for (name, camera) in &cameras[..2] {
+                    let what = format!("{layout:?}, {setting}, {name}");
+                    world.check(&what, &mut renderer, camera, &render, BOUND);
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn the_hand_written_example_looks_as_the_reference_says() {
+    exactly("the_hand_written_example_looks_as_the_reference_says", || {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/two_trees");
+        let world = World::open(&folder);
+        let mut renderer = world.renderer();
+        let target = DVec3::new(28.0, 16.0, 4.0);
+        for (name, eye) in [
+            ("south", DVec3::new(24.0, -40.0, 30.0)),
+            ("east", DVec3::new(80.0, 40.0, 20.0)),
+            ("inside", DVec3::new(31.0, 15.0, 23.0)),
+        ] {
+            let camera = camera(eye, target);
+            let picture = world.check(name, &mut renderer, &camera, &RenderSettings::default(), BOUND);
+            assert!(covered(&picture) > 1000, "{name} shows little");
+        }
+    });
+}
+
+#[test]
+fn one_tree_or_several_look_the_same() {
+    exactly("one_tree_or_several_look_the_same", || {
+        let (one, several, cameras, down) = {
+            let mut demo = demo();
+            let middle = demo.above(0.5 * SIZE, 0.5 * SIZE, 0.0);
+            (
+                demo.world(512, SampleLayout::Centre),
+                demo.world(TREE, SampleLayout::Centre),
+                cameras(&demo),
+                camera(middle + DVec3::new(4.0, -6.0, 30.0), middle),
+            )
+        };
+        assert_eq!(one.trees.len(), 1);
+        let (mut one, mut several) = (one.renderer(), several.renderer());
+        // Not the overview: the ground's solid sides reach as far down as a tree's coarsest voxels need it.
+        let settings = RenderSettings::default();
+        for (name, camera) in cameras.into_iter().skip(1).chain([("down", down)]) {
+            let (a, _) = settled(&mut one, &camera, &settings);
+            let (b, _) = settled(&mut several, &camera, &settings);
+            assert_alike(name, &a, &b, BOUND);
+        }
+    });
+}
+
+#[test]
+fn settling_again_gives_the_same_bits() {
+    exactly("settling_again_gives_the_same_bits", || {
+        let (world, cameras) = {
+            let mut demo = demo();
+            (demo.world(TREE, SampleLayout::Centre), cameras(&demo))
+        };
+        let settings = RenderSettings::default();
+        let [(_, here), (_, there), _] = cameras;
+        let mut renderer = world.renderer();
+        let (first, _) = settled(&mut renderer, &here, &settings);
+        let (second, report) = settled(&mut renderer, &here, &settings);
+        assert_eq!(report.uploads, 0);
+        assert!(first == second, "settled twice");
+        for _ in 0..3 {
+            renderer.frame(&here, &settings).unwrap();
+        }
+        assert!(first == renderer.read_picture().unwrap(), "the camera rests");
+        settled(&mut renderer, &there, &settings);
+        let (back, _) = settled(&mut renderer, &here, &settings);
+        assert!(first == back, "after a look elsewhere");
+        let (fresh, _) = settled(&mut world.renderer(), &here, &settings);
+        assert_alike("by another renderer, with other slots", &first, &fresh, SAME);
+    });
+}
+
+#[test]
+fn a_pool_too_small_gives_a_coarser_picture_without_holes() {
+    exactly("a_pool_too_small_gives_a_coarser_picture_without_holes", || {
+        let (world, cameras) = {
+            let mut demo = demo();
+            (demo.world(TREE, SampleLayout::Centre), cameras(&demo))
+        };
+        let settings = RenderSettings::default();
+        let (_, camera) = cameras[0];
+        let mut large = world.renderer();
+        settled(&mut large, &camera, &settings);
+        let used: u32 = large.feedback().used_bricks.iter().map(|w| w.count_ones()).sum();
+        let mut small = world.renderer_within(u64::from(used) / 4 * 8140);
+        assert!(
+            small.brick_slots() < used / 3,
+            "{} slots for {used}",
+            small.brick_slots()
+        );
+        let (picture, report) = settled(&mut small, &camera, &settings);
+        assert!(report.bias > settings.bias, "{report:?}");
+        let reference = world.reference(&camera, &settings);
+        assert_eq!(count_holes(&picture, &reference), 0);
+        // What it shows is right for the bias that it has.
+        let coarse = RenderSettings {
+            bias: report.bias,
+            ..settings
+        };
+        assert_alike("raised bias", &picture, &world.reference(&camera, &coarse), BOUND);
+        let loads = small.pager_stats().loads;
+        for _ in 0..20 {
+            let rest = small.frame(&camera, &settings).unwrap();
+            assert_eq!(
+                (rest.uploads, rest.node_updates, rest.pending),
+                (0, 0, 0),
+                "{rest:?}"
+            );
+            assert_eq!(rest.bias, report.bias);
+        }
+        assert_eq!(small.pager_stats().loads, loads);
+        assert!(picture == small.read_picture().unwrap());
+    });
+}
+
+#[test]
+fn a_far_eye_with_a_narrow_view_sees_what_a_near_one_does() {
+    exactly("a_far_eye_with_a_narrow_view_sees_what_a_near_one_does", || {
+        let (world, target) = {
+            let mut demo = demo();
+            let target = demo.above(0.5 * SIZE, 0.5 * SIZE, 0.0);
+            (demo.world(TREE, SampleLayout::Centre), target)
+        };
+        let mut renderer = world.renderer();
+        let direction = DVec3::new(-0.5, -0.6, 0.62).normalize();
+        for distance in [1e4, 1e6] {
+            let fov = 2.0 * (30.0f64 / distance).atan().to_degrees();
+            let camera = world::camera(target + direction * distance, target, fov, PIXELS);
+            let what = format!("from {distance} m");
+            let picture = world.check(&what, &mut renderer, &camera, &RenderSettings::default(), BOUND);
+            assert!(covered(&picture) > 320 * 240 / 2, "{what} shows little");
+        }
+    });
+}
