@@ -29,12 +29,12 @@ pub fn over_sky(picture: &Picture, camera: &Camera) -> Image {
     for (k, pixel) in picture.pixels.iter().enumerate() {
         let (x, y) = (k % picture.width as usize, k / picture.width as usize);
         let sky = if pixel[3] < 1.0 {
-            let up = camera
+            let rise = camera
                 .ray(x as f64, y as f64)
                 .normalize_or_zero()
                 .z
-                .clamp(0.0, 1.0)
-                .sqrt() as f32;
+                .clamp(0.0, 1.0) as f32;
+            let up = rise * (2.0 - rise);
             std::array::from_fn(|c| HORIZON[c] + (ZENITH[c] - HORIZON[c]) * up)
         } else {
             [0.0; 3]

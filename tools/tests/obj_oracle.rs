@@ -10,7 +10,10 @@ use brickfell::input::{Mesh, UpAxis};
 type Corners = [([f32; 3], [f32; 2]); 3];
 
 fn by_tobj(path: &Path) -> Vec<Corners> {
-    let options = tobj::LoadOptions { triangulate: true, ..Default::default() };
+    let options = tobj::LoadOptions {
+        triangulate: true,
+        ..Default::default()
+    };
     let (models, _) = tobj::load_obj(path, &options).unwrap();
     let mut triangles = Vec::new();
     for mesh in models.iter().map(|m| &m.mesh) {
@@ -20,9 +23,20 @@ fn by_tobj(path: &Path) -> Vec<Corners> {
                 let t = *t as usize;
                 [mesh.texcoords[2 * t], mesh.texcoords[2 * t + 1]]
             });
-            ([mesh.positions[3 * v], mesh.positions[3 * v + 1], mesh.positions[3 * v + 2]], uv)
+            (
+                [
+                    mesh.positions[3 * v],
+                    mesh.positions[3 * v + 1],
+                    mesh.positions[3 * v + 2],
+                ],
+                uv,
+            )
         };
-        triangles.extend((0..mesh.indices.len()).step_by(3).map(|k| [corner(k), corner(k + 1), corner(k + 2)]));
+        triangles.extend(
+            (0..mesh.indices.len())
+                .step_by(3)
+                .map(|k| [corner(k), corner(k + 1), corner(k + 2)]),
+        );
     }
     triangles
 }
@@ -33,7 +47,10 @@ fn by_us(path: &Path) -> Vec<Corners> {
         .iter()
         .map(|t| {
             std::array::from_fn(|c| {
-                (mesh.positions[t.v[c] as usize].as_vec3().to_array(), t.uv[c].to_array())
+                (
+                    mesh.positions[t.v[c] as usize].as_vec3().to_array(),
+                    t.uv[c].to_array(),
+                )
             })
         })
         .collect()

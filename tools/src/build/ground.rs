@@ -206,13 +206,22 @@ impl GroundGrid {
     }
 }
 
-/// Colours of solid ground that no surface gives one, by column of cells of one mip: the mean of the ground above.
+/// Colour and normal of solid ground that no surface gives them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Hint {
+    /// Straight linear light.
+    pub(crate) rgb: [f32; 3],
+    /// Mean normal, length up to 1.
+    pub(crate) normal: [f32; 3],
+}
+
+/// Hints by column of cells of one mip: the mean of the ground above.
 #[derive(Debug)]
 pub(crate) struct Hints {
     lo: [i64; 2],
     size: [i64; 2],
-    /// Sum of colours (linear light) and their share.
-    colors: Vec<[f32; 4]>,
+    /// Sums of colours (linear light) and normals, and their share.
+    looks: Vec<[f32; 7]>,
 }
 
 impl Hints {
@@ -224,9 +233,12 @@ impl Hints {
         } else {
             [area.hi[0] - x0, area.hi[1] - y0]
         };
-        let color = |(i, j): (i64, i64)| {
+        let look = |(i, j): (i64, i64)| {
             let ground = grids.iter().find_map(|g| g.ground(x0 + i, y0 + j));
-            ground.map_or([0.0; 4], |g| [g.rgb[0], g.rgb[1], g.rgb[2], 1.0])
+            ground.map_or([0.0; 7], |g| {
+                let ([r, g, b], [x, y, z]) = (g.rgb, g.normal);
+                [r, g, b, x, y, z, 1.0]
+            })
         };
         let cells = (0..size[1])
             .into_par_iter()
@@ -234,14 +246,14 @@ impl Hints {
         Self {
             lo: [x0, y0],
             size,
-            colors: cells.map(color).collect(),
+            looks: cells.map(look).collect(),
         }
     }
 
     /// Of the next coarser mip, over a rectangle of its cells.
     pub(crate) fn coarser(&self, layout: SampleLayout, area: &CellBox) -> Self {
         let [x0, y0, _] = area.lo;
-        let size = if self.colors.is_empty() {
+        let size = if self.looks.is_empty() {
             [0, 0]
         } else {
             [area.hi[0] - x0, area.hi[1] - y0]
@@ -250,12 +262,12 @@ impl Hints {
             SampleLayout::Centre => &[(0, 0.5), (1, 0.5)],
             SampleLayout::Corner => &[(-1, 0.25), (0, 0.5), (1, 0.25)],
         };
-        let color = |(i, j): (i64, i64)| {
-            let mut sum = [0.0f32; 4];
+        let look = |(i, j): (i64, i64)| {
+            let mut sum = [0.0f32; 7];
             for (dy, wy) in taps {
                 for (dx, wx) in taps {
                     let c = self.at(2 * (x0 + i) + dx, 2 * (y0 + j) + dy);
-                    (0..4).for_each(|k| sum[k] += c[k] * wx * wy);
+                    (0..7).for_each(|k| sum[k] += c[k] * wx * wy);
                 }
             }
             sum
@@ -266,36 +278,43 @@ impl Hints {
         Self {
             lo: [x0, y0],
             size,
-            colors: cells.map(color).collect(),
+            looks: cells.map(look).collect(),
         }
     }
 
-    fn at(&self, x: i64, y: i64) -> [f32; 4] {
+    fn at(&self, x: i64, y: i64) -> [f32; 7] {
         let (i, j) = (x - self.lo[0], y - self.lo[1]);
         if i < 0 || j < 0 || i >= self.size[0] || j >= self.size[1] {
-            return [0.0; 4];
+            return [0.0; 7];
         }
-        self.colors
+        self.looks
             .get((j * self.size[0] + i) as usize)
             .copied()
             .unwrap_or_default()
     }
 
-    /// The colour of the column of cells at (x, y), straight linear light.
-    pub(crate) fn color(&self, x: i64, y: i64) -> [f32; 3] {
+    /// The hint of the column of cells at (x, y).
+    pub(crate) fn hint(&self, x: i64, y: i64) -> Hint {
         self.mean([x, y], 1)
     }
 
-    /// The mean colour of a square of columns.
-    pub(crate) fn mean(&self, lo: [i64; 2], side: i64) -> [f32; 3] {
-        let mut sum = [0.0f32; 4];
+    /// The mean of a square of columns.
+    pub(crate) fn mean(&self, lo: [i64; 2], side: i64) -> Hint {
+        let mut sum = [0.0f32; 7];
         for y in lo[1]..lo[1] + side {
             for x in lo[0]..lo[0] + side {
                 let c = self.at(x, y);
-                (0..4).for_each(|k| sum[k] += c[k]);
+                (0..7).for_each(|k| sum[k] += c[k]);
             }
         }
-        let [r, g, b, w] = sum;
-        if w > 0.0 { [r / w, g / w, b / w] } else { [0.0; 3] }
+        let [r, g, b, x, y, z, w] = sum;
+        if w > 0.0 {
+            Hint {
+                rgb: [r / w, g / w, b / w],
+                normal: [x / w, y / w, z / w],
+            }
+        } else {
+            Hint::default()
+        }
     }
 }

@@ -22,7 +22,7 @@ pub(crate) const SCENE: &str = "scene.xml";
 
 const FORMAT: &str = "brickfell-build";
 /// Raised whenever the builder makes other bytes from the same input.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// What a database is made from.
 #[derive(Debug, Serialize)]

@@ -110,12 +110,12 @@ pub(crate) fn level_nodes(
             known.sort_unstable();
             known.dedup();
             let low = i64::from(lattice.layout.low_apron());
-            let rgb = hints.mean([base[0] + low, base[1] + low], SIDE);
+            let hint = hints.mean([base[0] + low, base[1] + low], SIDE);
             let color = Sample::new(&Look {
                 solid: 1.0,
                 ..Look::default()
             })
-            .texel(rgb)
+            .texel(hint)
             .color;
             let states = known.into_iter().map(|z| {
                 if texels.mixed([base[0] + low, base[1] + low, base[2] + low + SIDE * i64::from(z)]) {

@@ -7,6 +7,8 @@
 
 use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Value};
 
+use super::ground::Hint;
+
 /// Full solid.
 pub(crate) const SOLID: u16 = u16::MAX;
 /// Code of skin 1; a skin of 2 is the most.
@@ -75,8 +77,8 @@ impl Sample {
         self.solid == SOLID && self.skin == 0 && self.weight == 0.0
     }
 
-    /// What is stored. `hint` is the colour of solid that no surface gives one (straight linear light).
-    pub(crate) fn texel(&self, hint: [f32; 3]) -> Texel {
+    /// What is stored. `hint` is for solid that no surface gives colour and normal.
+    pub(crate) fn texel(&self, hint: Hint) -> Texel {
         let skin = f32::from(self.skin) * (127.5 / SKIN_ONE);
         let solid = f32::from(self.solid) * (f32::from(SOLID_ALPHA) / f32::from(SOLID));
         let alpha = ((skin + solid) / 255.0).min(1.0);
@@ -86,7 +88,7 @@ impl Sample {
                 self.normal.map(|c| f32::from(c) / NORMAL_ONE),
             )
         } else {
-            (hint, [0.0; 3])
+            (hint.rgb, hint.normal)
         };
         let stored = Value { rgb, alpha, normal }.store(BUILD_GAIN);
         let [x, y, z, _] = stored.normal;
@@ -105,7 +107,7 @@ pub(crate) struct Texel {
     pub(crate) color: [u8; 4],
     /// Mean normal × opacity.
     pub(crate) normal: [i8; 3],
-    /// Solid all through, met by no surface: its colour is only a hint.
+    /// Solid all through, met by no surface: its colour and normal are only hints.
     pub(crate) deep: bool,
 }
 
@@ -164,10 +166,14 @@ mod tests {
     #[test]
     fn solid_and_skin_are_stored_opaque() {
         assert_eq!(size_of::<Sample>(), 20);
-        let deep = Sample::DEEP.texel([0.5; 3]);
+        let up = Hint {
+            rgb: [0.5; 3],
+            normal: [0.0, 0.0, 1.0],
+        };
+        let deep = Sample::DEEP.texel(up);
         assert_eq!(
             (deep.color[3], deep.normal, deep.deep),
-            (SOLID_ALPHA, [0; 3], true)
+            (SOLID_ALPHA, [0, 0, 127], true)
         );
         let skin = Look {
             skin: 2.0,
@@ -176,7 +182,7 @@ mod tests {
             normal: [0.0, 0.0, 1.0],
             solid: 0.0,
         };
-        let texel = Sample::new(&skin).texel([0.0; 3]);
+        let texel = Sample::new(&skin).texel(Hint::default());
         assert_eq!(
             (texel.color[3], texel.normal, texel.deep),
             (SKIN_ALPHA, [0, 0, 127], false)
@@ -196,13 +202,13 @@ mod tests {
         let mut plane = mean(&[skin, skin, skin, skin, none, none, none, none]);
         for _ in 0..10 {
             plane = mean(&[plane, plane, plane, plane, none, none, none, none]);
-            assert!(plane.texel([0.0; 3]).color[3] >= 254);
+            assert!(plane.texel(Hint::default()).color[3] >= 254);
         }
         let mut speck = skin;
         for _ in 0..5 {
             speck = mean(&[speck, none, none, none, none, none, none, none]);
         }
-        assert_eq!(speck.texel([0.0; 3]).color[3], 0);
+        assert_eq!(speck.texel(Hint::default()).color[3], 0);
         assert!(speck.weight > 0.0);
     }
 
@@ -216,7 +222,10 @@ mod tests {
         };
         let mixed = [Sample::new(&red), Sample::DEEP, Sample::DEEP, Sample::DEEP];
         let all = mean(&std::array::from_fn(|k| mixed[k % 4]));
-        let texel = all.texel([0.0, 1.0, 0.0]);
+        let texel = all.texel(Hint {
+            rgb: [0.0, 1.0, 0.0],
+            ..Hint::default()
+        });
         let c = decode_color(texel.color);
         assert!((c[0] / c[3] - 0.8).abs() < 0.01 && c[1] == 0.0, "{c:?}");
     }

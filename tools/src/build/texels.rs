@@ -48,7 +48,7 @@ impl TexelLevel {
         let width = area.hi[0] - area.lo[0];
         let solid = (0..width * (area.hi[1] - area.lo[1]))
             .into_par_iter()
-            .map(|k| Sample::DEEP.texel(hints.color(area.lo[0] + k % width, area.lo[1] + k / width)))
+            .map(|k| Sample::DEEP.texel(hints.hint(area.lo[0] + k % width, area.lo[1] + k / width)))
             .collect();
         Self {
             blocks: Blocks::new(&extent, columns),
@@ -120,7 +120,7 @@ fn store(slot: &Slot<Sample>, hints: &Hints, x: i64, y: i64) -> Slot<Texel> {
     let mut texels = new_dense::<Texel>();
     for j in 0..SIDE {
         for i in 0..SIDE {
-            let hint = hints.color(x * SIDE + i, y * SIDE + j);
+            let hint = hints.hint(x * SIDE + i, y * SIDE + j);
             let deep = Sample::DEEP.texel(hint);
             for k in 0..SIDE {
                 let at = in_block(i, j, k);
