@@ -86,11 +86,11 @@ impl Scene {
         faults.into_iter().next().map_or(Ok(scene), Err)
     }
 
-    /// Reads a scene and leaves out the trees whose `TreeFile` may not be opened; their faults come beside it. For those
-    /// who show what can be shown.
+    /// Reads what can be used of a scene: trees with a fault in their attributes are left out, groups with one count as if
+    /// they had none, and the faults come beside the scene. For those who show what can be shown.
     ///
     /// # Errors
-    /// As [`Scene::parse`], those of tree files excepted.
+    /// Text that is not XML, unknown elements, groups that nest too deep, too many trees.
     pub fn parse_usable(bytes: &[u8]) -> Result<(Scene, Vec<FormatError>), FormatError> {
         let mut faults = Vec::new();
         let mut document = Document::new(bytes)?;
@@ -109,7 +109,10 @@ impl Scene {
                         return Err(element.error(format!("groups nest deeper than {MAX_NESTING}")));
                     }
                     groups = count(&element, groups)?;
-                    let group = parse_group(&element, open.is_empty())?;
+                    let group = parse_group(&element, open.is_empty()).unwrap_or_else(|fault| {
+                        faults.push(fault);
+                        Group::default()
+                    });
                     if open.is_empty() {
                         crs = element.optional("Crs").map(|a| a.value().to_string());
                     }
@@ -118,7 +121,7 @@ impl Scene {
                 Token::Open(element) => match open.last_mut() {
                     Some(group) if element.name == "PagedOctTree" => {
                         trees = count(&element, trees)?;
-                        match parse_tree(&element)? {
+                        match parse_tree(&element) {
                             Ok(tree) => group.trees.push(tree),
                             Err(fault) => faults.push(fault),
                         }
@@ -194,8 +197,7 @@ fn parse_group(element: &Element, is_root: bool) -> Result<Group, FormatError> {
     })
 }
 
-/// A tree, or in the inner result why its file may not be opened.
-fn parse_tree(element: &Element) -> Result<Result<PagedOctTree, FormatError>, FormatError> {
+fn parse_tree(element: &Element) -> Result<PagedOctTree, FormatError> {
     let mut known = vec!["Radius", "TreeFile"];
     known.extend(CENTER.iter().chain(&MIN).chain(&MAX));
     element.allow(&known)?;
@@ -206,16 +208,16 @@ fn parse_tree(element: &Element) -> Result<Result<PagedOctTree, FormatError>, Fo
     }
     let file = element.required("TreeFile")?;
     if let Some(why) = path_fault(file.value()) {
-        return Ok(Err(file.error(format!(
+        return Err(file.error(format!(
             "leaves the terrain's folder or is not a file name: {why}"
-        ))));
+        )));
     }
-    Ok(Ok(PagedOctTree {
+    Ok(PagedOctTree {
         center: element.metres3(CENTER)?.into(),
         radius: metres,
         bounds: parse_bounds(element)?,
         tree_file: file.value().to_string(),
-    }))
+    })
 }
 
 /// The brick size, which is the same in all files.

@@ -198,20 +198,34 @@ fn a_tree_file_outside_the_folder_is_not_read() {
 }
 
 #[test]
-fn a_scene_that_cannot_be_read_is_one_line_and_leaves_nothing() {
+fn a_fault_in_one_element_of_the_scene_is_listed_and_the_rest_flies() {
     let example = copy_of_example();
     let out = example.path().join("flight");
     let scene = example.path().join("scene.xml");
     for (old, new) in [
         ("TreeFile=\"east.xml\"", "TreeFile=\"../east.xml\""),
+        ("TreeFile=\"east.xml\"", "TreeFile=\"east.xml\" Colour=\"red\""),
         ("Compressed=\"NO\"", "Compressed=\"NO\" Colour=\"red\""),
     ] {
         replace(&scene, old, new);
         let run = fly(example.path(), &out);
-        assert!(run.error(1).contains("scene.xml: line "), "{}", run.err);
-        assert!(!out.exists());
+        assert!(run.error(2).contains("scene.xml: line "), "{}", run.err);
+        let summary = &report(&out)["summary"];
+        assert_eq!(summary["faults"].as_array().unwrap().len(), 1);
+        assert_ne!(summary["trees_active_max"], 0);
         replace(&scene, new, old);
     }
+}
+
+#[test]
+fn a_scene_that_cannot_be_read_is_one_line_and_leaves_nothing() {
+    let example = copy_of_example();
+    let out = example.path().join("flight");
+    let scene = example.path().join("scene.xml");
+    replace(&scene, "</OctTreeGroup>", "</OctTreeGrope>");
+    let run = fly(example.path(), &out);
+    assert!(run.error(1).contains("scene.xml: line "), "{}", run.err);
+    assert!(!out.exists());
     let run = fly(&example.path().join("nowhere"), &out);
     assert!(run.error(1).contains("nowhere") && !out.exists(), "{}", run.err);
 }

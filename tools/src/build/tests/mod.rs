@@ -216,10 +216,11 @@ impl Db {
     }
 }
 
-/// Whether stored samples are the same, or both are solid ground without a surface, whose colour is only a hint.
+/// Whether stored samples are the same, or both are solid ground and one is of a constant node, which has the mean colour of
+/// the hints that bricks store, and no normal.
 pub(crate) fn same(a: Value, b: Value) -> bool {
-    let deep = |v: Value| v.0[3] == SOLID_ALPHA && v.1 == [0; 3];
-    a == b || deep(a) && deep(b)
+    let solid = a.0[3] == SOLID_ALPHA && b.0[3] == SOLID_ALPHA;
+    a == b || solid && (a.1 == [0; 3] || b.1 == [0; 3])
 }
 
 /// Files of a folder and below by relative path.
