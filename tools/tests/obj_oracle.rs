@@ -14,7 +14,7 @@ fn by_tobj(path: &Path) -> Vec<Corners> {
         triangulate: true,
         ..Default::default()
     };
-    let (models, _) = tobj::load_obj(path, &options).unwrap();
+    let (models, _) = tobj::load_obj(path, &options).expect("tobj reads it");
     let mut triangles = Vec::new();
     for mesh in models.iter().map(|m| &m.mesh) {
         let corner = |k: usize| {
@@ -42,7 +42,7 @@ fn by_tobj(path: &Path) -> Vec<Corners> {
 }
 
 fn by_us(path: &Path) -> Vec<Corners> {
-    let mesh = Mesh::load(path, UpAxis::Z).unwrap();
+    let mesh = Mesh::load(path, UpAxis::Z).expect("we read it");
     mesh.triangles
         .iter()
         .map(|t| {
