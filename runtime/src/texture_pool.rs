@@ -33,6 +33,9 @@ struct Tile {
     /// Node in the pool that points here; `NONE` for a root.
     parent: u32,
     last_used: u32,
+    /// Newest read-back whose use was passed on to everything above. Not the same as `last_used`: a tile that is wanted is
+    /// marked, too, without what is above it.
+    passed_on: u32,
     words: [[u32; 2]; 8],
     resident: bool,
 }
@@ -49,6 +52,7 @@ const EMPTY_TILE: Tile = Tile {
     index: 0,
     parent: NONE,
     last_used: 0,
+    passed_on: 0,
     words: [[TERMINAL, 0]; 8],
     resident: false,
 };
@@ -185,7 +189,8 @@ impl TexturePoolManager {
         while let Some(entry) = self.tiles.get_mut(tile as usize)
             && entry.resident
         {
-            let known = entry.last_used >= frame;
+            let known = entry.passed_on >= frame;
+            entry.passed_on = entry.passed_on.max(frame);
             entry.last_used = entry.last_used.max(frame);
             let parent = entry.parent;
             if known || parent == NONE {
@@ -243,6 +248,9 @@ impl TexturePoolManager {
             };
             self.tiles[tile as usize].last_used = frame;
             let pool_node = tile * 8 + if want.level == 0 { 0 } else { want.node % 8 };
+            if !want.brick {
+                continue;
+            }
             let slot = self.peek(pool_node)[1];
             let NodeData::Brick(brick) = node.data() else {
                 continue;
@@ -330,6 +338,7 @@ impl TexturePoolManager {
             index,
             parent,
             last_used: frame,
+            passed_on: 0,
             words,
             resident: true,
         };
@@ -471,3 +480,6 @@ fn set_bits(words: &[u32]) -> impl Iterator<Item = u32> + '_ {
             .map(move |bit| k as u32 * 32 + bit)
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -139,6 +139,10 @@ pub(super) struct Shading {
     diffuse: f64,
 }
 
+/// Opacity across a voxel from which a value counts as opaque however short the segment: a little below 1, since sums of
+/// weights that are 1 on paper round to either side of it.
+const OPAQUE: f64 = 0.998;
+
 impl Shading {
     /// The light of a picture.
     pub(super) fn new(settings: &RenderSettings) -> Self {
@@ -155,7 +159,7 @@ impl Shading {
             return [0.0; 4];
         }
         let a = (gain * value.alpha).min(1.0);
-        let opacity = if a >= 1.0 {
+        let opacity = if a > OPAQUE {
             1.0
         } else {
             -(length * (-a).ln_1p()).exp_m1()

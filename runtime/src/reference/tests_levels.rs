@@ -139,7 +139,13 @@ fn closed_forms_end_where_the_level_changes() {
     };
     let coarse = Kind::Inner([0, 0, 0, 30]);
 
-    // The data ends at level 1: alone to 10 m, mixed with the root to 24 m, the root alone from there.
+    // Where both nodes are constant but differ, segments of the finer one's voxel, 4 m, are mixed by the weight at their start.
+    let weight = |footprint: f64, z: f64| (8.0 / (footprint * z)).log2();
+    let pair = |w: f64, fine: f64, metres: f64| {
+        (1.0 - w) * (1.0 - a(30)).powf(metres / 8.0) + w * (1.0 - fine).powf(metres / 4.0)
+    };
+
+    // The data ends at level 1: alone to 10 m, mixed with the root to 20 m, the root alone from there.
     let mixed = transmittance(
         &|level| {
             if level == 0 {
@@ -150,18 +156,19 @@ fn closed_forms_end_where_the_level_changes() {
         },
         0.4,
     );
-    let weight = (8.0 / (0.4 * 16.0f64)).log2();
-    let pair = (1.0 - weight) * (1.0 - a(30)) + weight * (1.0 - a(10)).powi(2);
-    let expected = (1.0 - a(10)).powi(4) * pair * (1.0 - a(30)).powi(5);
+    let expected = (1.0 - a(10)).powf(12.0 / 4.0)
+        * pair(weight(0.4, 12.0), a(10), 4.0)
+        * pair(weight(0.4, 16.0), a(10), 4.0)
+        * (1.0 - a(30)).powf(44.0 / 8.0);
     assert!((mixed - expected).abs() < 1e-12, "{mixed} {expected}");
 
-    // Levels 1 and 2 are empty: skipped to 5 m, then the root comes in, from 16 m on alone.
+    // Levels 1 and 2 are empty: skipped to 5 m, then the root comes in; the segment that begins at 8 m ends at 12 m.
     let kind = |level| match level {
         0 => coarse,
         1 => Kind::Inner([0; 4]),
         _ => Kind::Leaf([0; 4]),
     };
-    let expected = (1.0 - (1.0 - weight) * a(30)) * (1.0 - a(30)).powi(6);
+    let expected = pair(weight(0.8, 8.0), 0.0, 4.0) * (1.0 - a(30)).powf(52.0 / 8.0);
     let skipped = transmittance(&kind, 0.8);
     assert!((skipped - expected).abs() < 1e-12, "{skipped} {expected}");
 

@@ -1,8 +1,12 @@
 // Opacity of a path and light of a sample.
 
+// Opacity across a voxel from which a value counts as opaque however short the path: a little below 1, since sums of weights
+// that are 1 on paper round to either side of it.
+const OPAQUE: f32 = 0.998;
+
 // Opacity over `s` voxels of a medium with opacity `a` across one: 1 - (1 - a)^s, kept exact where a is small.
 fn path_opacity(a: f32, s: f32) -> f32 {
-    if (a >= 1.0) {
+    if (a > OPAQUE) {
         return 1.0;
     }
     if (a < 0.01) {

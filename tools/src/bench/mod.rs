@@ -4,6 +4,7 @@
 //! suites to `bench.json` and `bench.csv`. Times are medians; counters (nodes, samples, reads, bytes) do not depend on the
 //! machine. Runs on one thread; what is measured may use more.
 
+pub mod agreement;
 pub mod caster;
 pub mod layout;
 mod scenes;
@@ -51,6 +52,11 @@ pub const SUITES: &[Suite] = &[
         run: caster::variants,
     },
     Suite {
+        name: "agreement",
+        about: "the GPU's pictures against the CPU reference's",
+        run: agreement::rows,
+    },
+    Suite {
         name: "layout",
         about: "error and memory of the two sample layouts",
         run: layout::rows,
@@ -88,18 +94,32 @@ pub fn to_json(adapter: &str, suites: &[(String, Vec<Row>)]) -> Value {
     })
 }
 
-/// `bench.csv`: one line a value: suite, row, key, value.
+/// `bench.csv`: one line a row, led by its suite; the columns are all suites' keys, empty where a suite has no such key.
 pub fn to_csv(suites: &[(String, Vec<Row>)]) -> String {
-    let mut out = String::from("suite,row,key,value\n");
+    let mut keys: Vec<&String> = Vec::new();
+    for key in suites
+        .iter()
+        .flat_map(|(_, rows)| rows.iter().flat_map(|row| row.keys()))
+    {
+        if !keys.contains(&key) {
+            keys.push(key);
+        }
+    }
+    let text = |value: Option<&Value>| match value {
+        None => String::new(),
+        Some(Value::String(s)) => format!("\"{}\"", s.replace('"', "\"\"")),
+        Some(other) => other.to_string(),
+    };
+    let mut out = keys
+        .iter()
+        .fold("suite".to_string(), |line, key| format!("{line},{key}"))
+        + "\n";
     for (name, rows) in suites {
-        for (k, row) in rows.iter().enumerate() {
-            for (key, value) in row {
-                let text = match value {
-                    Value::String(s) => format!("\"{}\"", s.replace('"', "\"\"")),
-                    other => other.to_string(),
-                };
-                out += &format!("{name},{k},{key},{text}\n");
-            }
+        for row in rows {
+            out += &keys.iter().fold(name.clone(), |line, key| {
+                format!("{line},{}", text(row.get(*key)))
+            });
+            out.push('\n');
         }
     }
     out
@@ -145,10 +165,11 @@ mod tests {
             row(json!({"a": 1.5, "b": "x\"y"})).unwrap(),
             row(json!({"a": 22, "b": "z"})).unwrap(),
         ];
-        let suites = vec![("s".to_string(), rows.clone())];
+        let other = vec![row(json!({"c": 0.5, "b": "w"})).unwrap()];
+        let suites = vec![("s".to_string(), rows.clone()), ("t".to_string(), other)];
         assert_eq!(
             to_csv(&suites),
-            "suite,row,key,value\ns,0,a,1.5\ns,0,b,\"x\"\"y\"\ns,1,a,22\ns,1,b,\"z\"\n"
+            "suite,a,b,c\ns,1.5,\"x\"\"y\",\ns,22,\"z\",\nt,,\"w\",0.5\n"
         );
         assert_eq!(to_table(&rows), "    a    b\n1.500  x\"y\n   22    z\n");
         assert_eq!(to_json("gpu", &suites)["suites"]["s"]["rows"][1]["a"], 22);
