@@ -1,7 +1,7 @@
 //! Settling: frames until a picture has all that it asks for. Here, and only here, the render thread waits.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use brickfell_culler::Camera;
 
@@ -18,6 +18,8 @@ const SETTLE_LIMIT: u32 = 600;
 const PROBE_STRIDE: u32 = 4;
 /// Requests below which whole pictures find what is missing sooner than probes do.
 const PROBE_REQUESTS: u32 = 256;
+/// Most probes: in pools that are too small they do not see all that is in use, and take turns to throw it out.
+const MAX_PROBES: u32 = 16;
 /// Most rounds of loading between two pictures while settling.
 const MAX_ROUNDS: usize = 64;
 /// Longest wait for a load at a time, while settling.
@@ -61,7 +63,7 @@ impl Renderer {
             let mut report = self.draw(camera, settings, prepared, stride)?;
             self.gpu.wait()?;
             report.frame_ms = ms(start);
-            self.absorb();
+            self.absorb_frame();
             self.processors.wait_idle();
             // The next frame's list is made of this frame's requests: that it is calm, too, says that they were none, or
             // only of pages that were given up.
@@ -70,7 +72,7 @@ impl Renderer {
                 && report.trees_waiting == 0
                 && settings.bias + self.bias.extra() == report.bias;
             quiet = if calm { quiet + 1 } else { 0 };
-            if stride > 1 && (calm || self.feedback.request_count < PROBE_REQUESTS) {
+            if stride > 1 && (calm || frames == MAX_PROBES || self.feedback.request_count < PROBE_REQUESTS) {
                 (stride, quiet) = (1, 0);
             }
             if quiet >= 2 {
@@ -117,6 +119,17 @@ impl Renderer {
             self.resolve_again();
         }
         Ok((self.prepare(camera, settings, MAX_UPLOAD_BRICKS)?, uploads))
+    }
+
+    /// Takes the read-back of the frame that the device has just finished. It is there, unless another thread that polls the same
+    /// device is about to say so.
+    fn absorb_frame(&mut self) {
+        let start = Instant::now();
+        self.absorb();
+        while self.in_flight.iter().any(|(frame, _)| *frame == self.frame) && start.elapsed() < LOAD_WAIT {
+            std::thread::yield_now();
+            self.absorb();
+        }
     }
 
     /// Resolves the last requests once more with the levels that are in RAM by now.
