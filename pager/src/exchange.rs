@@ -1,7 +1,7 @@
 //! What the render thread and the loader threads share: the queue, the loads under way, the finished ones, and the count
 //! of bytes. One mutex, held for moments only; never across a read, a decode or the drop of a page.
 //!
-//! The render thread calls [`Exchange::install`], [`Exchange::take_ready`], [`Exchange::status`], [`Exchange::wait`] and
+//! The render thread calls [`Exchange::install`], [`Exchange::take_news`], [`Exchange::status`], [`Exchange::wait`] and
 //! [`Exchange::stop`]; loader threads call the rest. Every byte that the pager answers for is in `committed`: resident and
 //! finished pages, loads under way by their estimate, and evicted pages that a loader has yet to drop.
 
@@ -276,14 +276,19 @@ impl<J, R, T> Exchange<J, R, T> {
         self.work.notify_one();
     }
 
-    /// Takes the handles of the loads begun since the last call.
+    /// Takes the handles of the loads begun since the last call of this or [`Self::take_news`].
     pub(crate) fn take_started(&self) -> Vec<Handle> {
         std::mem::take(&mut self.lock().started)
     }
 
-    /// Takes the finished loads.
-    pub(crate) fn take_ready(&self) -> Vec<Done<R>> {
-        std::mem::take(&mut self.lock().ready)
+    /// Takes the loads begun since the last call of this or [`Self::take_started`], and the finished ones, at one moment: no
+    /// load is finished before the render thread knows that it has begun.
+    pub(crate) fn take_news(&self) -> (Vec<Handle>, Vec<Done<R>>) {
+        let mut state = self.lock();
+        (
+            std::mem::take(&mut state.started),
+            std::mem::take(&mut state.ready),
+        )
     }
 
     /// Counts of this moment.

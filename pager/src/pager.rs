@@ -83,8 +83,10 @@ pub struct PagerStats {
     pub deferred: usize,
     /// Pages under way.
     pub loading: usize,
-    /// Pages loaded and not yet published.
+    /// Pages loaded, to be taken by the next merge.
     pub ready: usize,
+    /// Pages loaded that wait for their parents.
+    pub held: usize,
 }
 
 /// A tree of the scene.
@@ -332,7 +334,8 @@ impl Pager {
             queued: status.queued,
             deferred: self.demand.deferred,
             loading: status.loading,
-            ready: status.ready + held,
+            ready: status.ready,
+            held,
         }
     }
 

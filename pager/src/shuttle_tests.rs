@@ -107,8 +107,13 @@ fn every_job_is_done_once_within_the_limit_and_the_bytes_come_back() {
                 (0..5).filter(|k| !done.contains_key(k) && !begun.iter().any(|h: &Handle| h.slot == *k));
             loads.install(wanted.map(|k| job(k, 1)).collect());
             assert!(loads.wait(FOREVER));
-            begun.extend(loads.take_started());
-            for result in loads.take_ready() {
+            let (started, ready) = loads.take_news();
+            begun.extend(started);
+            for result in ready {
+                assert!(
+                    begun.contains(&result.handle),
+                    "a result before the word that its load has begun"
+                );
                 begun.retain(|h| *h != result.handle);
                 if result.result == u32::MAX {
                     continue;

@@ -24,10 +24,11 @@ impl Pager {
         self.used_bytes = 0;
         self.wanted.clear();
         self.published.clear();
-        self.note_started();
+        let (started, ready) = self.loaders.loads.take_news();
+        self.note_started(started);
         let mut dropped = Vec::new();
         let mut dropped_bytes = 0;
-        for done in self.loaders.loads.take_ready() {
+        for done in ready {
             let Some(slot) = self.table.by_handle(done.handle) else {
                 dropped_bytes += done.bytes;
                 dropped.extend(done.result.ok());
@@ -51,8 +52,8 @@ impl Pager {
     }
 
     /// Marks the pages that loaders have taken from the queue.
-    pub(super) fn note_started(&mut self) {
-        for handle in self.loaders.loads.take_started() {
+    pub(super) fn note_started(&mut self, started: Vec<Handle>) {
+        for handle in started {
             if let Some(slot) = self.table.by_handle(handle) {
                 slot.state = State::Loading;
                 self.arriving.push(handle);

@@ -19,7 +19,8 @@ const HEADROOM: u64 = 16;
 
 impl Pager {
     pub(super) fn end_frame(&mut self) {
-        self.note_started();
+        let started = self.loaders.loads.take_started();
+        self.note_started(started);
         self.cancel_stale();
         let mut wanted = self.gather();
         self.demand.bytes = self.pinned_bytes + self.used_bytes + self.demand.missing_bytes;

@@ -8,9 +8,8 @@ use brickfell_culler::Camera;
 use super::{FrameReport, Prepared, Renderer, ms};
 use crate::error::RuntimeError;
 use crate::memory::MAX_UPLOAD_BRICKS;
-use crate::node_lists::{ActiveTree, NodeList};
+use crate::node_lists::ActiveTree;
 use crate::settings::RenderSettings;
-use crate::texture_pool::TexturePoolManager;
 
 /// Most frames that a picture may take to settle.
 const SETTLE_LIMIT: u32 = 600;
@@ -21,8 +20,6 @@ const PROBE_STRIDE: u32 = 4;
 const PROBE_REQUESTS: u32 = 256;
 /// Most probes: in pools that are too small they do not see all that is in use, and take turns to throw it out.
 const MAX_PROBES: u32 = 16;
-/// Frames without progress after which the pools are filled anew; more than the bias needs to change.
-const STALL_FRAMES: u32 = 12;
 /// Most rounds of loading between two pictures while settling.
 const MAX_ROUNDS: usize = 64;
 /// Longest wait for a load at a time, while settling.
@@ -57,7 +54,6 @@ impl Renderer {
     ) -> Result<(FrameReport, u32), RuntimeError> {
         let mut quiet = 0;
         let mut total = Uploads::default();
-        let mut stalled = 0;
         // What is missing is found by a fraction of the rays; whole pictures confirm it.
         let mut stride = PROBE_STRIDE;
         for frames in 1..=SETTLE_LIMIT {
@@ -76,14 +72,6 @@ impl Renderer {
                 && report.trees_waiting == 0
                 && settings.bias + self.bias.extra() == report.bias;
             quiet = if calm { quiet + 1 } else { 0 };
-            // Something is missing and nothing is under way: the pools' directory begins anew rather than wait for ever.
-            let stuck = report.pending > 0 && uploads == Uploads::default() && self.pager.is_idle();
-            stalled = if stuck { stalled + 1 } else { 0 };
-            if stalled == STALL_FRAMES {
-                stalled = 0;
-                self.pool = TexturePoolManager::new(self.memory.sizes);
-                self.list = NodeList::default();
-            }
             if stride > 1 && (calm || frames == MAX_PROBES || self.feedback.request_count < PROBE_REQUESTS) {
                 (stride, quiet) = (1, 0);
             }

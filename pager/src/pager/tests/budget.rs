@@ -95,7 +95,7 @@ fn a_level_is_not_loaded_when_its_parent_has_no_room() {
     let (stats, status) = (flight.pager.stats(), flight.pager.loaders.loads.status());
     assert!(flight.has(level(0, 2)) && !flight.has(level(0, 3)));
     assert_eq!(
-        (stats.deferred, stats.ready),
+        (stats.deferred, stats.held),
         (2, 0),
         "level 4 would wait for a parent that does not come"
     );

@@ -132,7 +132,7 @@ fn damaged_and_missing_files_name_the_path_and_leave_the_other_trees() {
                 .all(|(key, _)| !flight.has(*key) && flight.pager.is_failed(*key))
         );
         assert_eq!(
-            flight.pager.stats().ready,
+            flight.pager.stats().held,
             0,
             "nothing waits for what was given up"
         );

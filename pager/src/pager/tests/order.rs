@@ -94,7 +94,7 @@ fn parents_are_published_before_children() {
     store.inject("0.L01.brk", Fault::Hang);
     let mut flight = Flight::new(pager(&store, 1, config(PLENTY, 4)));
     let wants = [(level(0, 4), 1.0)];
-    flight.until(&wants, |p| p.stats().ready == 3);
+    flight.until(&wants, |p| p.stats().held == 3);
     for _ in 0..5 {
         flight.frame(&wants);
         let state = flight.pager.tree(TreeId(0)).unwrap();
