@@ -372,6 +372,7 @@ impl Renderer {
         let origin = camera.screen(first.x, first.y);
         let next = camera.screen(first.x + f64::from(stride), first.y + f64::from(stride));
         let axis = |v: glam::DVec3, w: f64| v.extend(w).as_vec4().to_array();
+        let (segment_shift, segment_samples) = settings.segment();
         let texels = sizes.slots.map(|s| 1.0 / (s * sizes.brick_side) as f32);
         layout::Frame {
             size: [camera.width.div_ceil(stride), camera.height.div_ceil(stride)],
@@ -397,6 +398,9 @@ impl Renderer {
                 .request_count
                 .div_ceil(crate::caster::REQUEST_CAPACITY)
                 .max(1),
+            segment_shift,
+            segment_samples,
+            pad: [0; 2],
         }
     }
 

@@ -9,6 +9,9 @@ pub struct RenderSettings {
     pub bias: f64,
     /// Mix the two levels around the wanted one; off: the nearest level alone.
     pub mix_levels: bool,
+    /// log2 of the voxels between two samples, -3 to 3 (beyond is taken as that): 0 samples each voxel that a ray crosses
+    /// once, 1 every other, -1 twice.
+    pub step: i32,
     /// Unit vector towards the sun, world axes.
     pub sun: DVec3,
     /// Light that every surface gets.
@@ -22,10 +25,19 @@ impl Default for RenderSettings {
         Self {
             bias: -0.5,
             mix_levels: true,
+            step: 0,
             sun: sun_direction(135.0, 45.0),
             ambient: 0.3,
             diffuse: 0.7,
         }
+    }
+}
+
+impl RenderSettings {
+    /// log2 of the voxels that a sampled segment spans along an axis, and the samples in it.
+    pub(crate) fn segment(&self) -> (u32, u32) {
+        let step = self.step.clamp(-3, 3);
+        (step.max(0) as u32, 1 << (-step).max(0))
     }
 }
 

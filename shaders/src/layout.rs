@@ -45,6 +45,12 @@ pub struct Frame {
     pub request_capacity: u32,
     /// One of so many tiles of pixels may ask in a frame.
     pub request_share: u32,
+    /// log2 of the voxels that a sampled segment spans along an axis.
+    pub segment_shift: u32,
+    /// Samples in such a segment.
+    pub segment_samples: u32,
+    /// Unused.
+    pub pad: [u32; 2],
 }
 
 /// A tree in the list; `Tree` in `frame.wgsl`.
@@ -93,7 +99,7 @@ pub struct Scatter {
     pub slots: [u32; 4],
 }
 
-const _: () = assert!(size_of::<Frame>() == 160 && size_of::<Tree>() == 80 && size_of::<Scatter>() == 32);
+const _: () = assert!(size_of::<Frame>() == 176 && size_of::<Tree>() == 80 && size_of::<Scatter>() == 32);
 
 /// Bit of a node's first word: there is no data below.
 pub const TERMINAL: u32 = 1 << 31;

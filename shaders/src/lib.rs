@@ -93,6 +93,8 @@ mod tests {
                 node_tiles,
                 request_capacity,
                 request_share,
+                segment_shift,
+                segment_samples,
             ]
         );
         assert_layout!(

@@ -75,6 +75,8 @@ fn the_gpu_agrees_with_the_reference_in_every_setting() {
             ),
             ("bias 0", RenderSettings { bias: 0.0, ..default }),
             ("bias 1", RenderSettings { bias: 1.0, ..default }),
+            ("half steps", RenderSettings { step: -1, ..default }),
+            ("double steps", RenderSettings { step: 1, ..default }),
         ];
         for layout in [SampleLayout::Corner, SampleLayout::Centre] {
             let (world, cameras) = {

@@ -163,6 +163,7 @@ struct Scene<'a> {
     trees: &'a [Tree],
     shading: Shading,
     mix_levels: bool,
+    segment: (u32, u32),
     /// Footprint of a pixel times 2^bias, metres per metre of depth.
     footprint: f64,
 }
@@ -184,6 +185,7 @@ impl<'a> Scene<'a> {
             trees,
             shading: Shading::new(settings),
             mix_levels: settings.mix_levels,
+            segment: settings.segment(),
             footprint,
         })
     }
@@ -196,6 +198,7 @@ impl<'a> Scene<'a> {
         let Self {
             footprint,
             mix_levels,
+            segment,
             shading,
             ..
         } = *self;
@@ -205,6 +208,7 @@ impl<'a> Scene<'a> {
             length: direction.length(),
             footprint,
             mix_levels,
+            segment,
             shading,
         }
     }

@@ -139,9 +139,8 @@ pub(super) struct Shading {
     diffuse: f64,
 }
 
-/// Opacity across a voxel from which a value counts as opaque however short the segment: a little below 1, since sums of
-/// weights that are 1 on paper round to either side of it.
-const OPAQUE: f64 = 0.998;
+/// The most opacity across a voxel: a voxel of it ends a ray, and the opacity of a short segment is continuous in the value.
+const MOST_OPAQUE: f64 = 1.0 - 1.0 / 2048.0;
 
 impl Shading {
     /// The light of a picture.
@@ -159,11 +158,7 @@ impl Shading {
             return [0.0; 4];
         }
         let a = (gain * value.alpha).min(1.0);
-        let opacity = if a > OPAQUE {
-            1.0
-        } else {
-            -(length * (-a).ln_1p()).exp_m1()
-        };
+        let opacity = -(length * (-a.min(MOST_OPAQUE)).ln_1p()).exp_m1();
         let [r, g, b] = (value.rgb * (opacity / value.alpha * self.light(value.normal, a))).to_array();
         [r, g, b, opacity]
     }

@@ -120,7 +120,7 @@ fn filtering_is_linear_between_sample_positions() {
 }
 
 #[test]
-fn solid_ground_is_opaque_at_first_touch_from_everywhere() {
+fn solid_ground_is_opaque_within_a_voxel_from_everywhere() {
     let color = [120, 130, 140, SOLID_ALPHA];
     let normal = [0, 0, 127, 0];
     let sun = RenderSettings::default().sun;
@@ -137,8 +137,10 @@ fn solid_ground_is_opaque_at_first_touch_from_everywhere() {
                 let eye = direction * -20.0 + 0.3;
                 let (rgba, counters) = shoot(&reference, eye, direction, 0.0, true);
                 assert_eq!(rgba[3], 1.0, "{direction}");
+                // Where the ray enters it has only a corner of the first voxel, of the second its whole width.
+                let voxels = if brick { 1..=2 } else { 0..=0 };
                 assert!(
-                    counters.samples == u64::from(brick) && counters.nodes == 1,
+                    voxels.contains(&counters.samples) && counters.nodes == 1,
                     "{direction} {counters:?}"
                 );
                 for (c, code) in [120u8, 130, 140].into_iter().enumerate() {

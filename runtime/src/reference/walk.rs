@@ -27,6 +27,8 @@ pub(super) struct Ray {
     pub(super) footprint: f64,
     /// Mix the two levels around the wanted one.
     pub(super) mix_levels: bool,
+    /// log2 of the voxels that a sampled segment spans along an axis, and the samples in it.
+    pub(super) segment: (u32, u32),
     /// The light.
     pub(super) shading: Shading,
 }
@@ -196,11 +198,10 @@ impl<'t, 'r> Walk<'t, 'r> {
                 .min(self.passage.leave)
                 .max(self.z);
             if end > self.z {
-                let layer = match &segment.uniform {
-                    Some(value) => self.layer(value, place.level, end),
-                    None => self.sampled(place, pair, end, &mut transport.counters),
-                };
-                transport.under(layer);
+                match &segment.uniform {
+                    Some(value) => transport.under(self.layer(value, place.level, end - self.z)),
+                    None => self.sampled(place, pair, end, transport),
+                }
                 if transport.saturated() {
                     return Ok(());
                 }
@@ -280,7 +281,7 @@ impl<'t, 'r> Walk<'t, 'r> {
         let cell = self.trail.cell();
         // The faces of a constant node's inner box are planes of its own voxels, too.
         let sampled = Segment {
-            bounds: CellBox::around(cell, self.voxel(place.level)),
+            bounds: CellBox::around(cell, self.voxel(place.level) << self.ray.segment.0),
             until: f64::INFINITY,
             uniform: None,
         };
@@ -316,40 +317,39 @@ impl<'t, 'r> Walk<'t, 'r> {
         }
     }
 
-    /// What a segment from here to `end` adds if it has one value of a level.
-    fn layer(&self, value: &Value, level: u8, end: f64) -> Layer {
+    /// What a path of `dz` metres of depth adds if it has one value of a level.
+    fn layer(&self, value: &Value, level: u8, dz: f64) -> Layer {
         let header = &self.tree.header;
-        let voxels = (end - self.z) * self.ray.length / header.level_voxel_size(level);
+        let voxels = dz * self.ray.length / header.level_voxel_size(level);
         self.ray.shading.layer(value, f64::from(header.gain), voxels)
     }
 
-    /// What a segment from here to `end` adds, by the values in its middle; `pair` is the node's weight and its parent.
-    fn sampled(
-        &self,
-        place: &Place,
-        pair: Option<(f64, &Shown)>,
-        end: f64,
-        counters: &mut RayCounters,
-    ) -> Layer {
-        let p = self.trail.at(self.z + 0.5 * (end - self.z));
-        let reads_before = counters.texture_reads;
-        let mut at = |shown: &Shown, level: u8| {
-            let voxel = self.voxel(level);
-            let corner = CellBox::around(place.bounds.lo, 8 * voxel).lo;
-            let value = shown.value(
-                (p - corner.as_dvec3()) / voxel as f64,
-                &mut counters.texture_reads,
-            );
-            self.layer(&value, level, end)
-        };
-        let fine = at(&place.shown, place.level);
-        let layer = match pair {
-            Some((weight, parent)) => mix(&at(parent, place.level - 1), &fine, weight),
-            None => fine,
-        };
-        if counters.texture_reads > reads_before {
-            counters.samples += 1;
+    /// Adds a segment from here to `end` by the values in the middle of its parts; `pair` is the node's weight and its
+    /// parent.
+    fn sampled(&self, place: &Place, pair: Option<(f64, &Shown)>, end: f64, transport: &mut Transport) {
+        let dz = (end - self.z) / f64::from(self.ray.segment.1);
+        for part in 0..self.ray.segment.1 {
+            let p = self.trail.at(self.z + dz * (f64::from(part) + 0.5));
+            let reads_before = transport.counters.texture_reads;
+            let mut at = |shown: &Shown, level: u8| {
+                let voxel = self.voxel(level);
+                let corner = CellBox::around(place.bounds.lo, 8 * voxel).lo;
+                let value = shown.value(
+                    (p - corner.as_dvec3()) / voxel as f64,
+                    &mut transport.counters.texture_reads,
+                );
+                self.layer(&value, level, dz)
+            };
+            let fine = at(&place.shown, place.level);
+            let layer = match pair {
+                Some((weight, parent)) => mix(&at(parent, place.level - 1), &fine, weight),
+                None => fine,
+            };
+            transport.counters.samples += u64::from(transport.counters.texture_reads > reads_before);
+            transport.under(layer);
+            if transport.saturated() {
+                return;
+            }
         }
-        layer
     }
 }

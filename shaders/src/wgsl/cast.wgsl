@@ -211,19 +211,23 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
                 parent = read_node(stack[level - 1u]);
                 stamp(stack[level - 1u], parent);
                 if (!has_data(parent)) {
+                    // A constant may have come without its parent's brick, among its siblings.
+                    ask(tree_index, fine, cell, tree.depth + 3u - fine);
                     alone = true;
                 }
             }
         }
 
-        // The box of the segment, in finest voxels: one voxel of the node's level, or where the value is constant more.
+        // The box of the segment, in finest voxels: one voxel of the node's level (2^segment_shift of them), or where the
+        // value is constant more.
         let single = alone || weight >= 1.0;
         let voxel_shift = tree.depth - level;
         let node_shift = voxel_shift + 3u;
         let node_low = (cell >> vec3(node_shift)) << vec3(node_shift);
         let is_constant = (word.x & BRICK) == 0u;
-        var low = (cell >> vec3(voxel_shift)) << vec3(voxel_shift);
-        var size = 1i << voxel_shift;
+        let segment_shift = voxel_shift + frame.segment_shift;
+        var low = (cell >> vec3(segment_shift)) << vec3(segment_shift);
+        var size = 1i << segment_shift;
         var closed = false;
         if (is_constant) {
             if (single) {
@@ -261,17 +265,16 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
             }
         }
 
-        // One sample for the segment.
-        let ds = (t_next - t) * path_length;
-        if (ds > 0.0) {
-            let s = ds * tree.inv_voxel * exp2(-f32(voxel_shift));
-            if (closed) {
-                if (word.y >> 24u != 0u) {
-                    composite(convert_constant(word.y, tree.gain, s));
-                }
-            } else {
-                let p = origin + d * (0.5 * (t + t_next));
-                let scale = exp2(-f32(voxel_shift));
+        if (t_next > t) {
+            let scale = exp2(-f32(voxel_shift));
+            let parts = select(frame.segment_samples, 1u, closed);
+            let dt = (t_next - t) / f32(parts);
+            let s = dt * path_length * tree.inv_voxel * scale;
+            if (closed && word.y >> 24u != 0u) {
+                composite(convert_constant(word.y, tree.gain, s));
+            }
+            for (var part = 0u; part < parts && !closed && transmittance > 0.0; part++) {
+                let p = origin + d * (t + dt * (f32(part) + 0.5));
                 let local = clamp((p - vec3<f32>(node_low)) * scale, vec3(0.0), vec3(8.0));
                 let reads = texture_reads;
                 var light = convert(word, local, tree.texel_offset, tree.gain, s);

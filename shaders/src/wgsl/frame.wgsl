@@ -35,6 +35,11 @@ struct Frame {
     request_capacity: u32,
     // One of so many tiles of pixels may ask in a frame, in turn: above 1 where the last frame asked for more than fits.
     request_share: u32,
+    // log2 of the voxels that a sampled segment spans along an axis, at most 3, and the samples in it.
+    segment_shift: u32,
+    segment_samples: u32,
+    pad0: u32,
+    pad1: u32,
 }
 
 struct Tree {

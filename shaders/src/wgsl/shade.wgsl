@@ -1,21 +1,18 @@
 // Opacity of a path and light of a sample.
 
-// Opacity across a voxel from which a value counts as opaque however short the path: a little below 1, since sums of weights
-// that are 1 on paper round to either side of it.
-const OPAQUE: f32 = 0.998;
+// The most opacity across a voxel. A voxel of it ends the ray (SATURATED), but the opacity of a short path stays continuous
+// in the value: were 1 opaque however short, rays that touch the edge of a voxel would show or miss it by a rounding.
+const MOST_OPAQUE: f32 = 1.0 - 1.0 / 2048.0;
 
 // Opacity over `s` voxels of a medium with opacity `a` across one: 1 - (1 - a)^s, kept exact where a is small.
 fn path_opacity(a: f32, s: f32) -> f32 {
-    if (a > OPAQUE) {
-        return 1.0;
-    }
     if (a < 0.01) {
         let tau = s * a * (1.0 + a * (0.5 + a * (1.0 / 3.0)));
         if (tau < 0.02) {
             return tau * (1.0 - tau * (0.5 - tau * (1.0 / 6.0)));
         }
     }
-    return 1.0 - exp2(s * log2(1.0 - a));
+    return 1.0 - exp2(s * log2(1.0 - min(a, MOST_OPAQUE)));
 }
 
 // Light on a sample with premultiplied mean normal `n` and opacity `a`: unlit where there is no normal.
