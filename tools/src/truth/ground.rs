@@ -19,6 +19,9 @@ use crate::input::{HeightMap, Layer, Look};
 /// Cells of a block per axis, at most.
 const SIDE: usize = 16;
 
+/// How far inside of the map's edge colours are looked up, pixels.
+const INSIDE: f64 = 1e-3;
+
 /// Column and row of a cell.
 pub(super) type Cell = (usize, usize);
 
@@ -234,9 +237,11 @@ impl<'a> Ground<'a> {
     pub(super) fn look(&self, block: usize, cell: Cell, point: DVec3) -> Look {
         let layer = &self.layers[self.blocks[block].layer];
         let map = &layer.map;
-        let place = point.truncate();
-        let at = map.world_to_pixel(place) + 0.5 - dvec2(cell.0 as f64, cell.1 as f64);
-        let at = at.clamp(DVec2::ZERO, DVec2::ONE);
+        let corner = dvec2(cell.0 as f64, cell.1 as f64) - 0.5;
+        let at = (map.world_to_pixel(point.truncate()) - corner).clamp(DVec2::ZERO, DVec2::ONE);
+        // A wall's colour is that of the ground at it, whatever side of the map's edge rounding puts the point on.
+        let size = dvec2(f64::from(map.width), f64::from(map.height));
+        let place = map.pixel_to_world((corner + at).clamp(DVec2::splat(INSIDE), size - INSIDE));
         let patch = Patch::new(map, cell).unwrap_or(Patch {
             h: 0.0,
             u: 0.0,

@@ -25,6 +25,8 @@
 mod bottom;
 mod boxes;
 mod ground;
+#[cfg(test)]
+mod tests;
 mod triangle;
 
 use brickfell_culler::Camera;
