@@ -6,6 +6,8 @@ pub mod commands;
 pub mod flight;
 pub mod holes;
 pub mod input;
+pub mod metrics;
 mod noise;
 pub mod picture_file;
 pub mod report;
+pub mod truth;

@@ -6,10 +6,12 @@
 pub mod bench;
 pub mod build;
 pub mod check;
+pub mod compare;
 mod database;
 pub mod demo;
 pub mod fly;
 pub mod info;
+pub mod input_args;
 pub mod render;
 pub mod view_args;
 
