@@ -17,6 +17,9 @@ pub const MAX_UPLOAD_BRICKS: usize = 2048;
 /// Most node words of one upload.
 pub const MAX_UPLOAD_NODES: usize = 1 << 16;
 
+/// Bytes of a sample in the brick pool: colour and normal.
+const SAMPLE_BYTES: u64 = 8;
+
 /// Sizes of the pools.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PoolSizes {
@@ -40,7 +43,7 @@ impl PoolSizes {
     ) -> Result<Self, RuntimeError> {
         let side = sample_layout.side();
         // A brick slot with its stamp, and two node tiles with theirs.
-        let per_brick = sample_layout.samples() as u64 * 8 + 4 + 2 * (64 + 4);
+        let per_brick = sample_layout.samples() as u64 * SAMPLE_BYTES + 4 + 2 * (64 + 4);
         let wanted = budget / per_brick;
         let most_per_axis = limits.max_texture_dimension_3d / side;
         // A tile has 64 bytes, in one storage binding.
@@ -75,9 +78,14 @@ impl PoolSizes {
         self.slots.iter().product()
     }
 
+    /// Bytes of a brick.
+    pub fn brick_bytes(&self) -> u64 {
+        u64::from(self.brick_side).pow(3) * SAMPLE_BYTES
+    }
+
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
-        u64::from(self.brick_side).pow(3) * 8 * u64::from(self.bricks())
+        self.brick_bytes() * u64::from(self.bricks())
             + u64::from(self.bricks()) * 4
             + u64::from(self.tiles) * 68
     }

@@ -422,6 +422,11 @@ impl Renderer {
         self.pager.stats()
     }
 
+    /// Bytes of a brick in the pool.
+    pub fn brick_bytes(&self) -> u64 {
+        self.memory.sizes.brick_bytes()
+    }
+
     /// Brick slots of the pool.
     pub fn brick_slots(&self) -> u32 {
         self.memory.sizes.bricks()

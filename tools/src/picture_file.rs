@@ -1,7 +1,7 @@
 //! Pictures on disk: linear light to sRGB PNG over a sky and back, and the animated overview of a flight.
 
 use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use brickfell_culler::Camera;
@@ -52,11 +52,16 @@ pub fn linear_over_sky(picture: &Picture, camera: &Camera) -> LinearImage {
 
 /// Composites a picture over the sky that its camera sees.
 pub fn over_sky(picture: &Picture, camera: &Camera) -> Image {
-    let linear = linear_over_sky(picture, camera);
-    Image {
-        width: linear.width,
-        height: linear.height,
-        rgb: linear.rgb.into_iter().flatten().map(linear_to_srgb).collect(),
+    Image::from(&linear_over_sky(picture, camera))
+}
+
+impl From<&LinearImage> for Image {
+    fn from(linear: &LinearImage) -> Self {
+        Self {
+            width: linear.width,
+            height: linear.height,
+            rgb: linear.rgb.iter().flatten().copied().map(linear_to_srgb).collect(),
+        }
     }
 }
 
@@ -75,12 +80,20 @@ pub fn load_linear(path: &Path) -> Result<LinearImage, InputError> {
 }
 
 impl Image {
-    /// Writes a PNG.
+    /// Writes a PNG file.
     ///
     /// # Errors
     /// If the file cannot be written.
     pub fn save(&self, path: &Path) -> io::Result<()> {
-        let mut writer = encoder(path, self.width, self.height)?.write_header()?;
+        self.write(BufWriter::new(File::create(path)?))
+    }
+
+    /// Writes a PNG.
+    ///
+    /// # Errors
+    /// If `to` does not take it.
+    pub fn write(&self, to: impl Write) -> io::Result<()> {
+        let mut writer = encoder(to, self.width, self.height).write_header()?;
         writer.write_image_data(&self.rgb)?;
         Ok(writer.finish()?)
     }
@@ -113,12 +126,12 @@ impl Image {
     }
 }
 
-fn encoder(path: &Path, width: u32, height: u32) -> io::Result<png::Encoder<'static, BufWriter<File>>> {
-    let mut encoder = png::Encoder::new(BufWriter::new(File::create(path)?), width, height);
+fn encoder<W: Write>(to: W, width: u32, height: u32) -> png::Encoder<'static, W> {
+    let mut encoder = png::Encoder::new(to, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
-    Ok(encoder)
+    encoder
 }
 
 /// Widest overview, pixels.
@@ -153,7 +166,7 @@ pub fn save_overview(path: &Path, frames: &[Image], frames_per_second: f64) -> i
             sheet.rgb[to..to + count].copy_from_slice(&cell.rgb[from..from + count]);
         }
     }
-    let mut encoder = encoder(path, width, height)?;
+    let mut encoder = encoder(BufWriter::new(File::create(path)?), width, height);
     encoder.set_animated(frames.len() as u32, 0)?;
     encoder.set_sep_def_img(true)?;
     encoder.set_frame_delay(

@@ -17,28 +17,24 @@ use brickfell_runtime::terrain::Terrain;
 use glam::DVec3;
 use serde_json::json;
 
+use super::scenes::demo_input;
 use super::{Row, Settings, row};
-use crate::build::{BuildArgs, HeightInput, Silent, build};
+use crate::build::{BuildArgs, Silent, build};
 use crate::commands::{CommandError, open_gpu};
 use crate::holes::count_holes;
-use crate::input::demo::{DEFAULT_SIZE, write_demo};
 
 const WIDTH: u32 = 320;
 const HEIGHT: u32 = 240;
-const SEED: u64 = 1;
 
 /// Builds the demo terrain as `make fly` does, or finds it built.
 fn demo(folder: &Path) -> Result<PathBuf, CommandError> {
-    let (input, out) = (folder.join("demo-input"), folder.join("demo"));
+    let out = folder.join("demo");
     if out.join("scene.xml").exists() {
         return Ok(out);
     }
-    let demo = write_demo(&input, SEED, DEFAULT_SIZE)?;
+    let demo = demo_input(folder)?;
     let mut args = BuildArgs::new(&out);
-    args.heights = vec![HeightInput {
-        path: demo.heights,
-        imagery: Some(demo.imagery),
-    }];
+    args.heights = vec![demo.layer()];
     args.inputs = demo.meshes;
     args.up = demo.up;
     args.voxel = Some(0.25);

@@ -84,7 +84,7 @@ fn figures(
 }
 
 /// Settles the view, then draws it again and again.
-fn measure(
+pub(super) fn measure(
     renderer: &mut Renderer,
     camera: &Camera,
     render: &RenderSettings,
@@ -104,11 +104,11 @@ fn measure(
     Ok((Percentiles::of(times).p50, renderer.feedback().counters))
 }
 
-fn backend(renderer: &Renderer) -> String {
+pub(super) fn backend(renderer: &Renderer) -> String {
     format!("{:?}", renderer.gpu().info.backend).to_lowercase()
 }
 
-fn repetitions(settings: &Settings<'_>) -> usize {
+pub(super) fn repetitions(settings: &Settings<'_>) -> usize {
     if settings.quick { 3 } else { 9 }
 }
 

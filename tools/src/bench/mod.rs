@@ -8,13 +8,15 @@ pub mod agreement;
 pub mod caster;
 pub mod layout;
 mod scenes;
+pub mod truth;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use crate::commands::CommandError;
+use crate::commands::input_args::InputArgs;
 
 /// A row of a suite: named values in a fixed order.
 pub type Row = Map<String, Value>;
@@ -22,10 +24,23 @@ pub type Row = Map<String, Value>;
 /// What a suite is told.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings<'a> {
+    /// Where results go.
+    pub out: &'a Path,
     /// Where built scenes are kept between runs.
     pub folder: &'a Path,
+    /// The user's own scene, to be looked at instead of the built-in ones by suites that can.
+    pub own: Option<&'a OwnScene>,
     /// Fewer repetitions and smaller sweeps.
     pub quick: bool,
+}
+
+/// A database and what it was built from.
+#[derive(Clone, Debug)]
+pub struct OwnScene {
+    /// The database.
+    pub folder: PathBuf,
+    /// Its input.
+    pub input: InputArgs,
 }
 
 /// A suite by name.
@@ -60,6 +75,11 @@ pub const SUITES: &[Suite] = &[
         name: "layout",
         about: "error and memory of the two sample layouts",
         run: layout::rows,
+    },
+    Suite {
+        name: "truth",
+        about: "time against error: pictures against the truth from the input",
+        run: truth::rows,
     },
 ];
 

@@ -10,6 +10,7 @@ use image::{ImageBuffer, Luma, Rgb};
 
 use crate::build::{BuildArgs, HeightInput, Silent, build};
 use crate::commands::CommandError;
+use crate::input::demo::{DEFAULT_SIZE, DemoInput, write_demo};
 use crate::noise::fractal;
 
 /// Side of the hill terrain, metres: one tree of 1024 voxels of 0.1 m.
@@ -17,6 +18,7 @@ pub(super) const HILLS_SIZE: f64 = 102.4;
 /// Lowest to highest point of the hill terrain, metres.
 const RELIEF: f64 = 30.0;
 const SEED: u64 = 7;
+const DEMO_SEED: u64 = 1;
 
 /// Height of the hill terrain above its lowest point, metres.
 pub(super) fn hill_height(p: DVec2) -> f64 {
@@ -74,6 +76,11 @@ fn write_hills(folder: &Path, pixels: u32) -> Result<HeightInput, CommandError> 
     );
     fs::write(side_path, side_file)?;
     Ok(input)
+}
+
+/// The files of the demo terrain, as `make fly` has them.
+pub(super) fn demo_input(folder: &Path) -> Result<DemoInput, CommandError> {
+    Ok(write_demo(&folder.join("demo-input"), DEMO_SEED, DEFAULT_SIZE)?)
 }
 
 /// Builds the hill terrain as one tree of `voxels` per axis, or finds it built.

@@ -5,8 +5,9 @@ use std::process::ExitCode;
 
 use clap::Args as ClapArgs;
 
+use super::input_args::{InputArgs, Layers, Unit, Up};
 use super::{CommandError, open_gpu};
-use crate::bench::{SUITES, Settings, to_csv, to_json, to_table};
+use crate::bench::{OwnScene, SUITES, Settings, to_csv, to_json, to_table};
 
 /// Arguments of `brickfell bench`.
 #[derive(ClapArgs, Clone, Debug)]
@@ -20,6 +21,44 @@ pub struct Args {
     /// Folder for the results; built scenes are kept in it
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Suite truth: a database of your own instead of the built-in scenes
+    #[arg(long, value_name = "DIR")]
+    pub scene: Option<PathBuf>,
+    /// Meshes that the --scene was built from
+    #[arg(long, value_name = "OBJ", num_args = 1.., requires = "scene")]
+    pub input: Vec<PathBuf>,
+    /// Height maps that it was built from, with their imagery.
+    #[command(flatten)]
+    pub layers: Layers,
+    /// Which axis of --input points up
+    #[arg(long, value_enum, default_value_t = Up::Z)]
+    pub up: Up,
+    /// Unit of heights [default: the file's own, else its horizontal unit]
+    #[arg(long, value_enum)]
+    pub height_unit: Option<Unit>,
+}
+
+impl Args {
+    /// The user's own scene.
+    fn own(&self) -> Result<Option<OwnScene>, CommandError> {
+        let input = InputArgs {
+            meshes: self.input.clone(),
+            layers: self.layers.clone(),
+            up: self.up,
+            height_unit: self.height_unit,
+        };
+        match &self.scene {
+            Some(folder) if !input.is_empty() => Ok(Some(OwnScene {
+                folder: folder.clone(),
+                input,
+            })),
+            None if input.is_empty() => Ok(None),
+            _ => Err(CommandError::new(
+                "a scene of your own is a database and what it was built from",
+                "bench truth --scene DIR --input house.obj --heights ground.tif --out RESULTS",
+            )),
+        }
+    }
 }
 
 /// Runs the command.
@@ -30,8 +69,11 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     let scenes = args.out.join("scenes");
     std::fs::create_dir_all(&scenes)
         .map_err(|e| CommandError::new(format!("{}: {e}", scenes.display()), "may you write there?"))?;
+    let own = args.own()?;
     let settings = Settings {
+        out: &args.out,
         folder: &scenes,
+        own: own.as_ref(),
         quick: args.quick,
     };
     let adapter = open_gpu()?.describe();

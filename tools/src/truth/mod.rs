@@ -154,6 +154,11 @@ impl<'a> Truth<'a> {
         }
     }
 
+    /// How far the first surface along a ray is, in lengths of its direction.
+    pub fn depth(&self, eye: DVec3, direction: DVec3) -> Option<f64> {
+        self.next_hit(eye, direction, None).map(|hit| hit.depth)
+    }
+
     /// Premultiplied linear light and opacity along one ray.
     fn cast(&self, eye: DVec3, d: DVec3, settings: &RenderSettings) -> [f64; 4] {
         let mut sum = [0.0; 4];

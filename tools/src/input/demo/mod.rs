@@ -18,6 +18,7 @@ use image::{ImageBuffer, Luma};
 use rayon::prelude::*;
 
 use super::error::InputError;
+use super::files::HeightInput;
 use super::mesh::UpAxis;
 use terrain::Terrain;
 
@@ -46,6 +47,16 @@ pub struct DemoInput {
     pub up: UpAxis,
     /// How many trees were planted.
     pub trees: usize,
+}
+
+impl DemoInput {
+    /// The ground as an input of the builder.
+    pub fn layer(&self) -> HeightInput {
+        HeightInput {
+            path: self.heights.clone(),
+            imagery: Some(self.imagery.clone()),
+        }
+    }
 }
 
 /// Writes a demo terrain of `size_m × size_m` metres into `dir`, which is made if it is not there. Files of an earlier

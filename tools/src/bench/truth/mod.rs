@@ -1,0 +1,309 @@
+//! Suite `truth`: time against error. The GPU's settled pictures, and the CPU reference's, against the truth from the input.
+//!
+//! Each scene is seen from above at 1, 4, 16 and 64 times the distance at which a finest voxel fits a pixel, and along the
+//! ground, at the default setting; one view sweeps everything that trades speed for error. The truth is the mean of two
+//! renders of 64 rays a pixel, whose difference gives its own noise. Beside `bench.json` and `bench.csv` it leaves a plot and a
+//! page with the pictures.
+
+mod page;
+mod plot;
+mod scenes;
+
+use std::sync::Arc;
+
+use brickfell_culler::Camera;
+use brickfell_pager::{FolderStore, Store};
+use brickfell_runtime::picture::Picture;
+use brickfell_runtime::reference::Reference;
+use brickfell_runtime::renderer::{Renderer, RendererConfig};
+use brickfell_runtime::settings::RenderSettings;
+use brickfell_runtime::terrain::Terrain;
+use serde::Serialize;
+
+use super::caster::{backend, measure, repetitions};
+use super::{Row, Settings, row};
+use crate::commands::{CommandError, open_gpu};
+use crate::holes::{count_holes, least_alpha_inside};
+use crate::metrics::{LinearImage, compare, noise_floor, psnr};
+use crate::picture_file::linear_over_sky;
+use crate::report::per_ray;
+use crate::truth::{Bottom, Truth};
+use scenes::{Scene, Variant, View};
+
+/// Rays per axis of a pixel in each of the two renders of the truth.
+const RAYS: u32 = 8;
+/// Bytes of a node tile in its pool.
+const TILE_BYTES: u64 = 64;
+
+/// A row of the table.
+#[derive(Clone, Debug, Serialize)]
+struct Entry {
+    scene: String,
+    view: String,
+    setting: String,
+    backend: String,
+    width: u32,
+    height: u32,
+    ms_median: f64,
+    mpx_per_second: f64,
+    /// Bytes of the bricks and node tiles that the picture uses in the pools; 0 for the reference, which has none.
+    bytes: u64,
+    psnr_db: f64,
+    psnr_srgb_db: f64,
+    flip: f64,
+    worst: u8,
+    percent_over_2: f64,
+    holes: usize,
+    alpha_min_where_opaque: Option<f32>,
+    /// PSNR that the truth's own noise would give: an error near it cannot be told.
+    truth_floor_db: f64,
+    bias: f64,
+    nodes_per_ray: f64,
+    samples_per_ray: f64,
+}
+
+/// The pictures of a view at the default setting, for the page.
+struct Shown {
+    scene: String,
+    view: String,
+    picture: LinearImage,
+    truth: LinearImage,
+    flip: Vec<f32>,
+}
+
+/// A camera and the truth of it.
+struct Judge {
+    view: String,
+    camera: Camera,
+    truth: Picture,
+    seen: LinearImage,
+    floor_db: f64,
+}
+
+impl Judge {
+    fn new(truth: &Truth<'_>, view: &View, render: &RenderSettings) -> Result<Self, CommandError> {
+        let camera = view.camera;
+        let [mut picture, other] = [1, 2].map(|seed| truth.render(&camera, render, RAYS, seed));
+        let seen = [&picture, &other].map(|p| linear_over_sky(p, &camera));
+        // Of the mean of the two, half the variance of one.
+        let floor = noise_floor(&seen[0], &seen[1])?.powi(2) * 0.5;
+        for (p, q) in picture.pixels.iter_mut().zip(&other.pixels) {
+            *p = std::array::from_fn(|c| 0.5 * (p[c] + q[c]));
+        }
+        Ok(Self {
+            view: view.name.clone(),
+            camera,
+            seen: linear_over_sky(&picture, &camera),
+            truth: picture,
+            floor_db: psnr(floor),
+        })
+    }
+}
+
+/// What a picture took.
+struct Cost {
+    backend: String,
+    ms: f64,
+    bytes: u64,
+    bias: f64,
+    counters: brickfell_runtime::picture::RayCounters,
+}
+
+fn entry(
+    scene: &str,
+    setting: &str,
+    judge: &Judge,
+    picture: &Picture,
+    cost: &Cost,
+) -> Result<(Entry, Shown), CommandError> {
+    let seen = linear_over_sky(picture, &judge.camera);
+    let (errors, flip) = compare(&seen, &judge.seen)?;
+    let pixels = f64::from(picture.width) * f64::from(picture.height);
+    let entry = Entry {
+        scene: scene.into(),
+        view: judge.view.clone(),
+        setting: setting.into(),
+        backend: cost.backend.clone(),
+        width: picture.width,
+        height: picture.height,
+        ms_median: cost.ms,
+        mpx_per_second: pixels * 1e-3 / cost.ms,
+        bytes: cost.bytes,
+        psnr_db: errors.psnr,
+        psnr_srgb_db: errors.psnr_srgb,
+        flip: errors.flip,
+        worst: errors.worst.steps,
+        percent_over_2: 100.0 * errors.share_over_2,
+        holes: count_holes(picture, &judge.truth),
+        alpha_min_where_opaque: least_alpha_inside(picture, &judge.truth),
+        truth_floor_db: judge.floor_db,
+        bias: cost.bias,
+        nodes_per_ray: per_ray(cost.counters.nodes, &cost.counters),
+        samples_per_ray: per_ray(cost.counters.samples, &cost.counters),
+    };
+    let shown = Shown {
+        scene: scene.into(),
+        view: judge.view.clone(),
+        picture: seen,
+        truth: judge.seen.clone(),
+        flip,
+    };
+    Ok((entry, shown))
+}
+
+/// A database opened for the GPU.
+struct Open {
+    store: Arc<dyn Store>,
+    trees: Vec<String>,
+    renderer: Renderer,
+}
+
+impl Open {
+    fn new(folder: &std::path::Path, gpu_budget: u64) -> Result<Self, CommandError> {
+        let store: Arc<dyn Store> = Arc::new(FolderStore::open(folder)?);
+        let terrain = Terrain::open(&store)?;
+        let config = RendererConfig {
+            ram_budget: 2 << 30,
+            gpu_budget,
+            ..RendererConfig::default()
+        };
+        Ok(Self {
+            trees: terrain.trees.clone(),
+            renderer: Renderer::new(open_gpu()?, Arc::clone(&store), terrain, config)?,
+            store,
+        })
+    }
+
+    /// Draws settled; picture and cost.
+    fn draw(
+        &mut self,
+        camera: &Camera,
+        render: &RenderSettings,
+        repetitions: usize,
+    ) -> Result<(Picture, Cost), CommandError> {
+        let (ms, counters) = measure(&mut self.renderer, camera, render, repetitions)?;
+        let (report, _) = self.renderer.settle(camera, render)?;
+        let used = |words: &[u32]| words.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
+        let feedback = self.renderer.feedback();
+        let brick_bytes = self.renderer.brick_bytes();
+        let bytes = used(&feedback.used_bricks) * brick_bytes + used(&feedback.used_tiles) * TILE_BYTES;
+        let cost = Cost {
+            backend: backend(&self.renderer),
+            ms,
+            bytes,
+            bias: report.bias,
+            counters,
+        };
+        Ok((self.renderer.read_picture()?, cost))
+    }
+
+    /// The reference's picture of the same database.
+    fn reference(
+        &self,
+        camera: &Camera,
+        render: &RenderSettings,
+        repetitions: usize,
+    ) -> Result<(Picture, Cost), CommandError> {
+        let reference = Reference::new(Arc::clone(&self.store), &self.trees)?;
+        // The first picture reads and decodes.
+        let (picture, counters) = reference.render(camera, render)?;
+        let mut times = Vec::new();
+        for _ in 0..repetitions {
+            let start = std::time::Instant::now();
+            reference.render(camera, render)?;
+            times.push(start.elapsed().as_secs_f64() * 1e3);
+        }
+        let cost = Cost {
+            backend: "reference".into(),
+            ms: crate::report::Percentiles::of(times).p50,
+            bytes: 0,
+            bias: render.bias,
+            counters,
+        };
+        Ok((picture, cost))
+    }
+}
+
+/// Most device memory for what is measured at other settings than the size of the pools.
+const GPU_BUDGET: u64 = 1 << 30;
+
+fn measure_scene(
+    scene: &Scene,
+    settings: &Settings<'_>,
+    entries: &mut Vec<Entry>,
+    shown: &mut Vec<Shown>,
+) -> Result<(), CommandError> {
+    let render = RenderSettings::default();
+    let repetitions = repetitions(settings).min(5);
+    let truth = Truth::new(
+        &scene.inputs.meshes,
+        &scene.inputs.layers,
+        &Bottom::Boxes(scene.boxes.clone()),
+    )?;
+    let views = scene.views(&truth, settings.quick)?;
+    let mut open = Open::new(&scene.folder, GPU_BUDGET)?;
+    let mut swept = None;
+    for view in &views {
+        let judge = Judge::new(&truth, view, &render)?;
+        let (picture, cost) = open.draw(&judge.camera, &render, repetitions)?;
+        let (row, pictures) = entry(&scene.name, "default", &judge, &picture, &cost)?;
+        println!(
+            "  {} {}: {:.2} dB, FLIP {:.4}",
+            scene.name, judge.view, row.psnr_db, row.flip
+        );
+        entries.push(row);
+        shown.push(pictures);
+        if view.swept {
+            swept = Some((judge, cost.bytes));
+        }
+    }
+    let Some((judge, bytes)) = swept.filter(|_| !settings.quick) else {
+        return Ok(());
+    };
+    let mut add = |setting: &str, judge: &Judge, picture: &Picture, cost: &Cost| {
+        entry(&scene.name, setting, judge, picture, cost).map(|(row, _)| entries.push(row))
+    };
+    let (picture, cost) = open.reference(&judge.camera, &render, 1)?;
+    add("default", &judge, &picture, &cost)?;
+    for (name, render) in scenes::settings() {
+        let (picture, cost) = open.draw(&judge.camera, &render, repetitions)?;
+        add(&name, &judge, &picture, &cost)?;
+    }
+    for scale in [0.5, 2.0] {
+        let view = judge.view.clone();
+        let judge = Judge::new(&truth, &scenes::scaled(&judge.camera, view, scale)?, &render)?;
+        let (picture, cost) = open.draw(&judge.camera, &render, repetitions)?;
+        add(&format!("size ×{scale}"), &judge, &picture, &cost)?;
+    }
+    drop(open);
+    for (name, share) in [("pool 1/2", 2), ("pool 1/4", 4)] {
+        let mut small = Open::new(&scene.folder, bytes / share)?;
+        let (picture, cost) = small.draw(&judge.camera, &render, repetitions)?;
+        add(name, &judge, &picture, &cost)?;
+    }
+    for Variant { name, folder } in scene.variants(settings)? {
+        let mut other = Open::new(&folder, GPU_BUDGET)?;
+        let (picture, cost) = other.draw(&judge.camera, &render, repetitions)?;
+        add(&name, &judge, &picture, &cost)?;
+    }
+    Ok(())
+}
+
+/// Suite `truth`.
+///
+/// # Errors
+/// If a scene cannot be built or drawn, or the plot or the page cannot be written.
+pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
+    let (mut entries, mut shown) = (Vec::new(), Vec::new());
+    for scene in scenes::scenes(settings)? {
+        measure_scene(&scene, settings, &mut entries, &mut shown)?;
+    }
+    let front = plot::svg(&entries)?;
+    let page = page::html(&entries, &shown, &front)?;
+    for (name, text) in [("truth.svg", &front), ("truth.html", &page)] {
+        let file = settings.out.join(name);
+        std::fs::write(&file, text)
+            .map_err(|e| CommandError::new(format!("{}: {e}", file.display()), "is there room?"))?;
+    }
+    entries.iter().map(row).collect()
+}
