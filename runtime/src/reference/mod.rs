@@ -19,7 +19,7 @@ mod tree;
 mod walk;
 
 #[cfg(test)]
-pub(crate) mod testing;
+mod testing;
 #[cfg(test)]
 mod tests_files;
 #[cfg(test)]

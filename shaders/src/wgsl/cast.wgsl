@@ -211,6 +211,8 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
                 parent = read_node(stack[level - 1u]);
                 stamp(stack[level - 1u], parent);
                 if (!has_data(parent)) {
+                    // Tiles come ahead of bricks: a constant node may be here before the brick it is mixed with.
+                    ask(tree_index, fine, cell, tree.depth + 3u - fine);
                     alone = true;
                 }
             }

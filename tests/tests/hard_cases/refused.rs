@@ -1,0 +1,1 @@
+//! What cannot be drawn is refused with an error.
