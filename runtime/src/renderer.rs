@@ -444,6 +444,10 @@ impl Renderer {
     }
 }
 
+/// Largest cell that a tree's record may name, so that sums of cells fit 32 bits and most are exact as f32; the rest of what
+/// lies farther out is in the base.
+const FARTHEST_CELL: f64 = (1u32 << 24) as f64;
+
 /// A tree as the kernel sees it: everything relative to the depth where it begins, worked out in f64.
 fn tree_record(camera: &Camera, header: &TreeHeader, root: u32) -> layout::Tree {
     let [lo, hi] = header.bounds();
@@ -452,10 +456,12 @@ fn tree_record(camera: &Camera, header: &TreeHeader, root: u32) -> layout::Tree 
     let depth0 = (nearest - camera.eye).dot(camera.forward).max(0.0);
     let inv_voxel = 1.0 / header.voxel_size;
     let scale = depth0 * inv_voxel;
+    let base = (camera.eye + camera.forward * depth0 - header.origin) * inv_voxel;
+    let far = glam::DVec3::splat(FARTHEST_CELL);
+    let cell = base.floor().clamp(-far, far);
     layout::Tree {
-        base: ((camera.eye + camera.forward * depth0 - header.origin) * inv_voxel)
-            .as_vec3()
-            .to_array(),
+        base: (base - cell).to_array().map(below_one),
+        cell: cell.as_ivec3().to_array(),
         depth0: depth0 as f32,
         base_x: (camera.right * scale).as_vec3().to_array(),
         inv_voxel: inv_voxel as f32,
@@ -467,6 +473,17 @@ fn tree_record(camera: &Camera, header: &TreeHeader, root: u32) -> layout::Tree 
         texel_offset: header.layout.texel_offset() as f32,
         // The rim is given in voxels of the coarser level, twice the node's own.
         rim: (header.layout.rim() * 2.0) as u32,
+        max_steps: 64 + 4 * header.side_voxels() as u32,
         pad: [0; 3],
+    }
+}
+
+/// Rounds to f32, but what is below 1 not to 1: trees that share a face must agree on which side of it a ray is.
+fn below_one(x: f64) -> f32 {
+    let rounded = x as f32;
+    if x < 1.0 {
+        rounded.min(1.0 - f32::EPSILON / 2.0)
+    } else {
+        rounded
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use brickfell_tests::trees::sample;
+use brickfell_tests::trees::{path_in_box, sample};
 
 use super::*;
 
@@ -119,13 +119,113 @@ fn rays_along_the_axes_from_faces_edges_and_corners() {
         },
     );
 }
+
+/// A camera of one pixel, of which it is told what an axis is.
+fn one_ray(eye: DVec3, forward: DVec3) -> Camera {
+    let mut camera = world::camera(eye, eye + forward, 1.0, [1, 1]);
+    camera.forward = forward;
+    camera
+}
+
 #[test]
-fn debug_it() {
-    let mut stage = thin_trees(Centre);
-    for bias in [-20.0, -6.0, -5.0,-4.5, -4.4,-4.35,-4.3,-4.29, -4.25, -4.2,-4.1,-4.0] {
-        let camera = fan(DVec3::new(19.5, 8.0, -9.0), DVec3::Y, -0.0);
-        let (p, f) = settled(&mut stage.renderer, &camera, &biased(bias));
-        let r = stage.world.reference(&camera, &biased(bias));
-        println!("DBG {bias} {:?} {:?} {}", p.pixels[2][3], r.pixels[2][3], f.bias);
-    }
+fn a_ray_in_the_plane_between_two_trees_belongs_to_the_upper_one() {
+    exactly(
+        "directions::a_ray_in_the_plane_between_two_trees_belongs_to_the_upper_one",
+        || {
+            for (axis, side) in (0..3).flat_map(|axis| [1.6, 16.0].map(|side| (axis, side))) {
+                // The lower one red, the upper one green, both thin, of bricks and constants.
+                let (mut origin, mut maker) = (DVec3::ZERO, Maker::new());
+                for color in [[50, 0, 0, 20], [0, 50, 0, 20]] {
+                    let tree = header(origin, side / 16.0, 1, Corner, 1);
+                    let kind = move |level, p: UVec3| match level == 1 && p.x == p.y {
+                        true => Kind::Leaf(color),
+                        false => Kind::Brick,
+                    };
+                    maker = maker.tree(tree, kind, move |_, _| sample(color));
+                    origin[axis] += side;
+                }
+                let mut stage = Stage::new(maker);
+                let opacity = |path: f64| 1.0 - (1.0 - 20.0 / 255.0f64).powf(16.0 * path / side);
+                for along in (0..3).filter(|along| *along != axis) {
+                    // From outside, from inside, and from beyond; in the plane, and as near to it as no f32 can say.
+                    for (start, sign) in [
+                        (-5.0, 1.0),
+                        (0.2 * side, 1.0),
+                        (0.2 * side, -1.0),
+                        (3.0 * side, -1.0),
+                    ] {
+                        for (above, seen) in [(-1e-9, 0), (0.0, 1), (1e-9, 1)] {
+                            let mut eye = DVec3::splat(0.3 * side);
+                            eye[along] = start;
+                            eye[axis] = side + above * side;
+                            let forward = DVec3::AXES[along] * sign;
+                            let path = if sign > 0.0 {
+                                side - start.max(0.0)
+                            } else {
+                                start.min(side)
+                            };
+                            let what = format!("{eye} along {forward}");
+                            let both = stage.check(&what, &one_ray(eye, forward), &biased(-20.0), SMOOTH);
+                            for (caster, picture) in both.each() {
+                                let pixel = picture.pixels[0];
+                                let off = (f64::from(pixel[3]) - opacity(path)).abs();
+                                assert!(
+                                    pixel[1 - seen] == 0.0 && off < 1e-5,
+                                    "{caster}, {what}: {pixel:?}"
+                                );
+                            }
+                        }
+                    }
+                }
+            }
+        },
+    );
+}
+
+#[test]
+fn rays_that_graze_a_face_stay_as_long_as_they_should() {
+    exactly(
+        "directions::rays_that_graze_a_face_stay_as_long_as_they_should",
+        || {
+            for bricks in [true, false] {
+                let tree = header(DVec3::ZERO, 1.0, 2, Centre, 1);
+                let color = [60, 50, 40, 12];
+                let kind = |level, p: UVec3| match bricks && (level < 2 || p.z == 3) {
+                    true => Kind::Brick,
+                    false => Kind::Leaf(color),
+                };
+                let mut stage = Stage::new(Maker::new().tree(tree, kind, |_, _| sample(color)));
+                let [lo, hi] = tree.bounds();
+                for exponent in 1..=7 {
+                    let slope = 10f64.powi(-exponent);
+                    // Through the top face in the middle of the way, inwards and outwards; and below it all the way.
+                    for (eye, slope) in [
+                        (DVec3::new(-10.0, 9.3, 32.0 + 26.0 * slope), -slope),
+                        (DVec3::new(-10.0, 9.3, 32.0 - 26.0 * slope), slope),
+                        (DVec3::new(4.0, 9.3, 32.0 - 12.0 * slope), slope),
+                        (DVec3::new(-10.0, 9.3, 32.0), -slope),
+                        (DVec3::new(-10.0, 9.3, 24.0 + 26.0 * slope), -slope),
+                    ] {
+                        let forward = DVec3::new(1.0, 0.3 * slope, slope).normalize();
+                        let path = path_in_box(eye, forward, lo, hi);
+                        let voxel = if bricks { 1.0 } else { 4.0 };
+                        let opacity = 1.0 - (1.0 - 12.0 / 255.0f64).powf(path / voxel);
+                        let what = format!("bricks {bricks}, {eye} with slope {slope}");
+                        // The GPU places the eye to 3e-8 of a voxel, which is 3e-8 / slope on the ray's way.
+                        let rounding = (1.5e-9 / slope.abs()).max(1e-3);
+                        let bound = Bound {
+                            worst: 255.0 * rounding + 1.0,
+                            share: 0.0,
+                            ..SMOOTH
+                        };
+                        let both = stage.check(&what, &one_ray(eye, forward), &biased(-20.0), bound);
+                        for (picture, bound) in [(&both.gpu, rounding), (&both.reference, 1e-3)] {
+                            let off = (f64::from(picture.pixels[0][3]) - opacity).abs();
+                            assert!(off < bound, "{what}: {both:?}, {opacity}");
+                        }
+                    }
+                }
+            }
+        },
+    );
 }

@@ -1,5 +1,7 @@
 //! Extremes of pictures, pools and numbers.
 
+use brickfell_tests::trees::sample;
+
 use super::*;
 
 #[test]
@@ -10,7 +12,7 @@ fn pictures_of_one_pixel_and_of_one_row() {
             (1, 1, 40.0),
             (16384, 1, 0.004),
             (1, 16384, 60.0),
-            (16384, 3, 0.01),
+            (16384, 16, 0.05),
             (7, 5, 60.0),
         ] {
             let eye = DVec3::new(-6.0, -20.0, 12.0);
@@ -34,6 +36,65 @@ fn an_empty_scene_is_empty() {
         ] {
             let both = Stage::new(maker).close(what, &camera);
             assert!(both.gpu.pixels.iter().all(|p| *p == [0.0; 4]), "{what}");
+        }
+    });
+}
+
+#[test]
+fn footprints_from_a_thousandth_of_a_voxel_to_a_thousand() {
+    exactly(
+        "extremes::footprints_from_a_thousandth_of_a_voxel_to_a_thousand",
+        || {
+            for layout in LAYOUTS {
+                let tree = header(DVec3::ZERO, 1.0, 3, layout, 2);
+                let mut stage = Stage::new(blob_tree(Maker::new(), tree));
+                let target = DVec3::new(30.0, 33.0, 31.0);
+                let eye = target - DVec3::new(70.0, -55.0, -60.0);
+                let distance = eye.distance(target);
+                for exponent in -10..=10 {
+                    // By the lens as far as it shows something, the rest by the bias; and all of it by the bias.
+                    let lens = exponent.min(1);
+                    for (lens, bias) in [(lens, exponent - lens), (0, exponent)] {
+                        let pixel = f64::from(lens).exp2() / distance;
+                        let fov = (2.0 * (0.5 * 24.0 * pixel).atan()).to_degrees();
+                        let camera = world::camera(eye, target, fov, [32, 24]);
+                        let what = format!("{layout:?}, 2^{exponent} voxels, 2^{lens} by the lens");
+                        stage.check(&what, &camera, &biased(f64::from(bias)), CLOSE);
+                    }
+                }
+            }
+        },
+    );
+}
+
+#[test]
+fn what_was_loaded_before_does_not_show() {
+    exactly("extremes::what_was_loaded_before_does_not_show", || {
+        // Thin constants among bricks: nodes come ahead of the bricks they are mixed with.
+        let tree = header(DVec3::ZERO, 1.0, 3, Centre, 1);
+        let kind =
+            |level: u8, p: UVec3| match hash([i32::from(level), p.x as i32, p.y as i32, p.z as i32]) % 3 {
+                0 if level > 0 => Kind::Leaf([20, 10, 5, 20]),
+                _ => Kind::Brick,
+            };
+        let maker = Maker::new().tree(tree, kind, |level, _| sample([10, 20, 5, 20 + level]));
+        let world = maker.finish();
+        let eye = DVec3::new(-40.0, -50.0, 90.0);
+        let camera = world::camera(eye, DVec3::splat(32.0), 40.0, [48, 36]);
+        for first in [-20.0, 0.0, 4.0] {
+            let mut stage = Stage {
+                renderer: world.renderer_within(SMALL_POOL),
+                world: world.clone(),
+            };
+            stage.check("first", &camera, &biased(first), SMOOTH);
+            for bias in [-1.5, -0.7, 0.2, 1.3] {
+                let both = stage.check(&format!("{bias} after {first}"), &camera, &biased(bias), SMOOTH);
+                assert!(
+                    alpha_apart(&both) < 1e-3,
+                    "{bias} after {first}: {}",
+                    alpha_apart(&both)
+                );
+            }
         }
     });
 }
