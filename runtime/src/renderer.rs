@@ -179,7 +179,7 @@ impl Renderer {
     /// Draws one picture with what is there, without waiting for anything.
     ///
     /// # Errors
-    /// If the picture's size cannot be drawn or the device failed.
+    /// If no picture can be made of the camera and the settings, or not of this size, or the device failed.
     pub fn frame(&mut self, camera: &Camera, settings: &RenderSettings) -> Result<FrameReport, RuntimeError> {
         let limit = (UPLOAD_BUDGET_MS / self.ms_per_brick).clamp(1.0, MAX_UPLOAD_BRICKS as f64) as usize;
         let prepared = self.prepare(camera, settings, limit)?;
@@ -224,6 +224,7 @@ impl Renderer {
         brick_limit: usize,
     ) -> Result<Prepared, RuntimeError> {
         let start = Instant::now();
+        settings.check(camera).map_err(RuntimeError::Argument)?;
         self.gpu.check()?;
         self.caster
             .resize(&self.gpu, &self.memory, camera.width, camera.height)?;

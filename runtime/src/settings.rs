@@ -1,5 +1,6 @@
 //! What both renderers, the GPU ray caster and the CPU reference, are told besides the camera.
 
+use brickfell_culler::Camera;
 use glam::DVec3;
 
 /// How a picture is drawn.
@@ -26,6 +27,30 @@ impl Default for RenderSettings {
             ambient: 0.3,
             diffuse: 0.7,
         }
+    }
+}
+
+impl RenderSettings {
+    /// Refuses, before a ray is cast, what no picture can be made of.
+    ///
+    /// # Errors
+    /// What is wrong with the camera or the settings.
+    pub fn check(&self, camera: &Camera) -> Result<(), &'static str> {
+        let axes = [camera.eye, camera.forward, camera.right, camera.up];
+        let pixel = camera.pixel_size();
+        if !axes.iter().all(|v| v.is_finite()) || !(pixel.is_finite() && pixel > 0.0) {
+            return Err("the camera is not finite, or its field of view is empty");
+        }
+        if camera.width == 0 || camera.height == 0 {
+            return Err("the camera's picture has no pixel");
+        }
+        if !self.bias.is_finite() || !(pixel * self.bias.exp2()).is_finite() {
+            return Err("the level bias is not finite");
+        }
+        if !(self.sun.is_finite() && self.ambient.is_finite() && self.diffuse.is_finite()) {
+            return Err("the light is not finite");
+        }
+        Ok(())
     }
 }
 

@@ -169,22 +169,12 @@ struct Scene<'a> {
 
 impl<'a> Scene<'a> {
     fn new(trees: &'a [Tree], camera: &Camera, settings: &RenderSettings) -> Result<Self, ReferenceError> {
-        let axes = [camera.eye, camera.forward, camera.right, camera.up];
-        let footprint = camera.pixel_size() * settings.bias.exp2();
-        if !axes.iter().all(|v| v.is_finite()) || !footprint.is_finite() {
-            return Err(ReferenceError::Argument(
-                "the camera or the level bias is not finite",
-            ));
-        }
-        let light = settings.sun.is_finite() && settings.ambient.is_finite() && settings.diffuse.is_finite();
-        if !light {
-            return Err(ReferenceError::Argument("the light is not finite"));
-        }
+        settings.check(camera).map_err(ReferenceError::Argument)?;
         Ok(Self {
             trees,
             shading: Shading::new(settings),
             mix_levels: settings.mix_levels,
-            footprint,
+            footprint: camera.pixel_size() * settings.bias.exp2(),
         })
     }
 

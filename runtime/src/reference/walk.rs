@@ -146,6 +146,8 @@ pub(super) struct Walk<'t, 'r> {
     z: f64,
     /// Level wanted there; it only falls.
     wanted: u8,
+    /// Segments after which the ray is stopped.
+    pub(super) cap: u64,
 }
 
 impl<'t, 'r> Walk<'t, 'r> {
@@ -165,12 +167,9 @@ impl<'t, 'r> Walk<'t, 'r> {
             trail,
             z: passage.enter,
             wanted: header.depth,
+            // More than any ray needs: one per plane of the finest lattice and one per level, with room to spare.
+            cap: 3 * header.side_voxels() + 2 * u64::from(header.depth) + 16,
         }
-    }
-
-    /// Most segments a ray can have: one per plane of the finest lattice and one per level, with room to spare.
-    fn cap(&self) -> u64 {
-        3 * self.tree.header.side_voxels() + 2 * u64::from(self.tree.header.depth) + 16
     }
 
     /// Gathers what the tree adds to the ray, until the ray leaves it or is opaque.
@@ -178,7 +177,7 @@ impl<'t, 'r> Walk<'t, 'r> {
         let side = self.tree.header.side_voxels() as i64;
         let root = CellBox::around(glam::I64Vec3::ZERO, side);
         let mut last: Option<Place<'t>> = None;
-        for _ in 0..self.cap() {
+        for _ in 0..self.cap {
             if self.z >= self.passage.leave || !root.contains(self.trail.cell()) {
                 return Ok(());
             }

@@ -1,5 +1,12 @@
 //! Extremes of pictures, pools and numbers.
 
+use std::sync::Arc;
+
+use brickfell::holes::count_holes;
+use brickfell_runtime::error::RuntimeError;
+use brickfell_runtime::renderer::RendererConfig;
+use brickfell_runtime::terrain::Terrain;
+use brickfell_tests::pictures::assert_alike;
 use brickfell_tests::trees::sample;
 
 use super::*;
@@ -97,4 +104,53 @@ fn what_was_loaded_before_does_not_show() {
             }
         }
     });
+}
+
+#[test]
+fn the_smallest_pool_has_no_hole_and_comes_to_rest() {
+    exactly(
+        "extremes::the_smallest_pool_has_no_hole_and_comes_to_rest",
+        || {
+            let world = neighbours().finish();
+            let open = |gpu_budget: u64| {
+                let config = RendererConfig {
+                    gpu_budget,
+                    ..RendererConfig::default()
+                };
+                let terrain = Terrain::open(&world.store).unwrap();
+                Renderer::new(world::gpu(), Arc::clone(&world.store), terrain, config)
+            };
+            // Eight bricks of 10³ samples of 8 bytes, with what belongs to them.
+            let least = 8 * 8140;
+            assert!(matches!(open(least - 1), Err(RuntimeError::Budget { .. })));
+            let mut renderer = open(least).unwrap();
+            assert_eq!(renderer.brick_slots(), 8);
+            let settings = RenderSettings::default();
+            for (eye, direction) in [
+                (DVec3::new(-30.0, -20.0, 20.0), DVec3::new(1.0, 1.0, -0.6)),
+                (DVec3::new(-3.0, 8.0, 12.0), DVec3::new(0.4, 0.1, -1.0)),
+                (DVec3::new(2.0, 8.0, 4.6), DVec3::new(0.4, 0.1, -1.0)),
+            ] {
+                let camera = look(eye, direction, 48, 36);
+                let (picture, report) = settled(&mut renderer, &camera, &settings);
+                let what = format!("{eye}: {report:?}");
+                assert!(covered(&picture) > 100, "{what}");
+                assert_eq!(
+                    count_holes(&picture, &world.reference(&camera, &settings)),
+                    0,
+                    "{what}"
+                );
+                let coarse = world.reference(&camera, &biased(report.bias));
+                assert_alike(&what, &picture, &coarse, CLOSE);
+                let loads = renderer.pager_stats().loads;
+                for _ in 0..20 {
+                    let rest = renderer.frame(&camera, &settings).unwrap();
+                    let moved = (rest.uploads, rest.node_updates, rest.pending, rest.bias);
+                    assert_eq!(moved, (0, 0, 0, report.bias), "{rest:?}");
+                }
+                assert_eq!(renderer.pager_stats().loads, loads);
+                assert!(picture == renderer.read_picture().unwrap());
+            }
+        },
+    );
 }

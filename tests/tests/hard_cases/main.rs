@@ -3,6 +3,7 @@
 //! Unless a test states its own, the bound between the casters is [`CLOSE`], and what is hit and what is missed differs
 //! nowhere but at silhouettes. [`World::check`] holds that, and that no ray was stopped and no pixel not a number.
 
+mod counters;
 mod directions;
 mod extremes;
 mod places;
@@ -116,6 +117,13 @@ impl Stage {
     fn new(maker: Maker) -> Self {
         let world = maker.finish();
         let renderer = world.renderer_within(SMALL_POOL);
+        Self { world, renderer }
+    }
+
+    /// For scenes of thousands of bricks.
+    fn large(maker: Maker) -> Self {
+        let world = maker.finish();
+        let renderer = world.renderer();
         Self { world, renderer }
     }
 
