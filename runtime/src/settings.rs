@@ -38,13 +38,13 @@ impl RenderSettings {
     pub fn check(&self, camera: &Camera) -> Result<(), &'static str> {
         let axes = [camera.eye, camera.forward, camera.right, camera.up];
         let pixel = camera.pixel_size();
-        if !axes.iter().all(|v| v.is_finite()) || !(pixel.is_finite() && pixel > 0.0) {
+        if !(axes.iter().all(|v| v.is_finite()) && pixel.is_finite() && pixel > 0.0) {
             return Err("the camera is not finite, or its field of view is empty");
         }
         if camera.width == 0 || camera.height == 0 {
             return Err("the camera's picture has no pixel");
         }
-        if !self.bias.is_finite() || !(pixel * self.bias.exp2()).is_finite() {
+        if !(self.bias.is_finite() && (pixel * self.bias.exp2()).is_finite()) {
             return Err("the level bias is not finite");
         }
         if !(self.sun.is_finite() && self.ambient.is_finite() && self.diffuse.is_finite()) {

@@ -54,24 +54,30 @@ fn a_camera_that_rests_sees_the_same_bits_in_every_frame() {
 }
 
 #[test]
-fn two_renderers_settle_to_the_same_bits() {
-    exactly("two_renderers_settle_to_the_same_bits", || {
+fn two_renderers_settle_to_the_same_picture() {
+    exactly("two_renderers_settle_to_the_same_picture", || {
         let (world, middle) = terrain();
         let settings = RenderSettings::default();
         let camera = overview(middle, 40.0);
-        // The second one has seen something else before: its bricks are in other slots.
+        // The last one has seen something else before. All have their bricks in other slots, where texture coordinates
+        // are rounded differently; devices whose weights have 8 bits give the same bits.
         let mut other = world.renderer();
         settled(
             &mut other,
             &overview(middle + DVec3::new(9.0, -7.0, 2.0), 12.0),
             &settings,
         );
-        let (a, _) = settled(&mut world.renderer(), &camera, &settings);
-        let (b, _) = settled(&mut other, &camera, &settings);
-        let (c, _) = settled(&mut world.renderer(), &camera, &settings);
-        let differ =
-            |a: &Picture, b: &Picture| a.pixels.iter().zip(&b.pixels).filter(|(a, b)| a != b).count();
-        assert_eq!((differ(&a, &b), differ(&a, &c)), (0, 0));
+        let (first, _) = settled(&mut world.renderer(), &camera, &settings);
+        for mut renderer in [world.renderer(), other] {
+            let (picture, _) = settled(&mut renderer, &camera, &settings);
+            let pairs = first
+                .pixels
+                .as_flattened()
+                .iter()
+                .zip(picture.pixels.as_flattened());
+            let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(worst < 2e-5, "{worst}");
+        }
     });
 }
 
@@ -88,10 +94,31 @@ fn changes(
     pictures.windows(2).map(|w| measure(&w[0], &w[1])).collect()
 }
 
-/// The largest change in terms of the median one.
-fn spike(mut changes: Vec<f64>) -> f64 {
-    changes.sort_by(f64::total_cmp);
-    changes[changes.len() - 1] / changes[changes.len() / 2]
+/// The largest change in terms of the median of the five around it.
+fn spike(changes: &[f64]) -> f64 {
+    let ratio = |window: &[f64]| {
+        let mut sorted = window.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        window[2] / sorted[2]
+    };
+    changes.windows(5).map(ratio).fold(0.0, f64::max)
+}
+
+/// Far above the terrain, a circle of so many metres of it filling the picture's height: one level is wanted everywhere.
+fn from_above(middle: DVec3, metres: f64) -> Camera {
+    const DISTANCE: f64 = 1000.0;
+    let fov = (2.0 * (0.5 * 18.0 / DISTANCE).atan()).to_degrees();
+    let up = DVec3::new(0.02, 0.1, 1.0).normalize() * (DISTANCE * metres / 18.0);
+    world::camera(middle + up, middle, fov, PIXELS)
+}
+
+/// Levels so coarse that one can see them change.
+fn coarse(mix_levels: bool) -> RenderSettings {
+    RenderSettings {
+        bias: 2.5,
+        mix_levels,
+        ..RenderSettings::default()
+    }
 }
 
 #[test]
@@ -100,20 +127,13 @@ fn a_slow_zoom_has_no_popping() {
         let (world, middle) = terrain();
         let mut renderer = world.renderer();
         let mut zoom = |mix_levels: bool| {
-            let settings = RenderSettings {
-                mix_levels,
-                ..RenderSettings::default()
-            };
-            let path = (0..FRAMES).map(|k| {
-                let way = f64::from(k) / f64::from(FRAMES - 1);
-                overview(middle, 60.0 / 1.5f64.powf(way))
-            });
-            let all = changes(&mut renderer, &settings, path, rmse);
-            println!("DBG mixing {mix_levels}: {all:?}");
-            spike(all)
+            let path = (0..FRAMES)
+                .map(|k| from_above(middle, 12.0 * 1.5f64.powf(f64::from(k) / f64::from(FRAMES - 1))));
+            let changes = changes(&mut renderer, &coarse(mix_levels), path, rmse);
+            spike(&changes)
         };
         let (mixed, nearest) = (zoom(true), zoom(false));
-        assert!(mixed < 1.5 && nearest > 2.0, "{mixed} {nearest}");
+        assert!(mixed < 1.2 && nearest > 1.5, "mixed {mixed}, nearest {nearest}");
     });
 }
 
@@ -122,23 +142,14 @@ fn a_slow_pan_does_not_flicker() {
     exactly("a_slow_pan_does_not_flicker", || {
         let (world, middle) = terrain();
         let mut renderer = world.renderer();
-        let mut pan = |mix_levels: bool| {
-            let settings = RenderSettings {
-                mix_levels,
-                ..RenderSettings::default()
-            };
-            // A quarter of a pixel at the middle of the picture.
-            let camera = overview(middle, 45.0);
-            let step = camera.right * (0.25 * 45.0 * camera.pixel_size());
-            let path = (0..FRAMES).map(|k| Camera {
-                eye: camera.eye + step * f64::from(k),
-                ..camera
-            });
-            let all = changes(&mut renderer, &settings, path, rmse);
-            println!("DBG pan mixing {mix_levels}: {all:?}");
-            spike(all)
-        };
-        let (mixed, nearest) = (pan(true), pan(false));
-        assert!(mixed < 1.5, "{mixed} {nearest}");
+        // A quarter of a pixel a frame, at the middle of a picture in which levels change.
+        let camera = overview(middle, 45.0);
+        let step = camera.right * (0.25 * 45.0 * camera.pixel_size());
+        let path = (0..16).map(|k| Camera {
+            eye: camera.eye + step * f64::from(k),
+            ..camera
+        });
+        let changes = changes(&mut renderer, &RenderSettings::default(), path, rmse);
+        assert!(spike(&changes) < 1.15, "{changes:?}");
     });
 }
