@@ -457,7 +457,8 @@ fn tree_record(camera: &Camera, header: &TreeHeader, root: u32) -> layout::Tree 
     let depth0 = (nearest - camera.eye).dot(camera.forward).max(0.0);
     let inv_voxel = 1.0 / header.voxel_size;
     let scale = depth0 * inv_voxel;
-    let base = (camera.eye + camera.forward * depth0 - header.origin) * inv_voxel;
+    let base = on_lattice((camera.eye + camera.forward * depth0) * inv_voxel)
+        - on_lattice(header.origin * inv_voxel);
     let far = glam::DVec3::splat(FARTHEST_CELL);
     let cell = base.floor().clamp(-far, far);
     layout::Tree {
@@ -477,6 +478,16 @@ fn tree_record(camera: &Camera, header: &TreeHeader, root: u32) -> layout::Tree 
         max_steps: 64 + 4 * header.side_voxels() as u32,
         pad: [0; 3],
     }
+}
+
+/// Makes integers of what is one but for f64's rounding: a metre that is not a power of two has no exact number of voxels,
+/// and where a tree ends its neighbour must begin.
+fn on_lattice(voxels: glam::DVec3) -> glam::DVec3 {
+    let nearest = voxels.round();
+    let is_near = (voxels - nearest)
+        .abs()
+        .cmple(nearest.abs() * (4.0 * f64::EPSILON));
+    glam::DVec3::select(is_near, nearest, voxels)
 }
 
 /// Rounds to f32, but what is below 1 not to 1: trees that share a face must agree on which side of it a ray is.

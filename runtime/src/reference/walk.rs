@@ -43,22 +43,40 @@ pub(super) struct Passage {
 impl Passage {
     /// The passage of a ray through a tree, `None` if it has no length.
     pub(super) fn through(tree: &Tree, ray: &Ray) -> Option<Self> {
-        let [lo, hi] = tree.header.bounds();
+        // In voxels, where all trees of a lattice have the same planes whatever their origins' rounding.
+        let (eye, direction) = in_tree(tree, ray);
+        let side = tree.header.side_voxels() as f64;
         let (mut enter, mut leave) = (0f64, f64::INFINITY);
         for axis in 0..3 {
-            let (p, d) = (ray.eye[axis], ray.direction[axis]);
+            let (p, d) = (eye[axis], direction[axis]);
             if d == 0.0 {
-                if !(lo[axis] <= p && p < hi[axis]) {
+                if !(0.0 <= p && p < side) {
                     return None;
                 }
             } else {
-                let (a, b) = ((lo[axis] - p) / d, (hi[axis] - p) / d);
+                let (a, b) = (-p / d, (side - p) / d);
                 enter = enter.max(a.min(b));
                 leave = leave.min(a.max(b));
             }
         }
         (enter < leave && leave.is_finite()).then_some(Self { enter, leave })
     }
+}
+
+/// A ray's eye and direction in finest voxels of a tree, from its low corner.
+fn in_tree(tree: &Tree, ray: &Ray) -> (DVec3, DVec3) {
+    // The eye and the corner are rounded metres; what they are but for that are whole voxels of the world's lattice.
+    let voxels = |metres: f64| {
+        let exact = metres / tree.header.voxel_size;
+        let whole = exact.round();
+        if (exact - whole).abs() <= whole.abs() * (4.0 * f64::EPSILON) {
+            whole
+        } else {
+            exact
+        }
+    };
+    let eye = ray.eye.map(voxels) - tree.header.origin.map(voxels);
+    (eye, ray.direction / tree.header.voxel_size)
 }
 
 /// Transmittance below which a ray is taken to be opaque.
@@ -154,12 +172,8 @@ impl<'t, 'r> Walk<'t, 'r> {
     /// A ray at the start of its passage.
     pub(super) fn new(tree: &'t Tree, ray: &'r Ray, passage: Passage) -> Self {
         let header = &tree.header;
-        let trail = Trail::new(
-            (ray.eye - header.origin) / header.voxel_size,
-            ray.direction / header.voxel_size,
-            passage.enter,
-            header.side_voxels() as i64,
-        );
+        let (eye, direction) = in_tree(tree, ray);
+        let trail = Trail::new(eye, direction, passage.enter, header.side_voxels() as i64);
         Self {
             tree,
             ray,

@@ -7,7 +7,7 @@ use brickfell_tests::trees::{path_in_box, sample};
 use super::*;
 
 /// Thin constants and bricks of all sizes in a tree of 64 m, and a finer, smaller one that shares the face x = 64.
-fn thin_trees(layout: SampleLayout) -> Stage {
+pub(super) fn thin_trees(layout: SampleLayout) -> Stage {
     let west = header(DVec3::ZERO, 1.0, 3, layout, 1);
     let east = header(DVec3::new(64.0, 8.0, -8.0), 0.5, 3, layout, 1);
     let mut maker = Maker::new();
@@ -32,7 +32,7 @@ fn thin_trees(layout: SampleLayout) -> Stage {
 }
 
 /// Nine rays in directions of which each component is -1, 0 or 1; zeros have the sign of `zero`.
-fn fan(eye: DVec3, forward: DVec3, zero: f64) -> Camera {
+pub(super) fn fan(eye: DVec3, forward: DVec3, zero: f64) -> Camera {
     let signed = |v: DVec3| DVec3::select(v.cmpeq(DVec3::ZERO), DVec3::splat(zero), v);
     let up = DVec3::new(forward.z.abs(), forward.x.abs(), forward.y.abs());
     Camera {
@@ -132,17 +132,21 @@ fn a_ray_in_the_plane_between_two_trees_belongs_to_the_upper_one() {
     exactly(
         "directions::a_ray_in_the_plane_between_two_trees_belongs_to_the_upper_one",
         || {
-            for (axis, side) in (0..3).flat_map(|axis| [1.6, 16.0].map(|side| (axis, side))) {
+            // Metres that f64 holds and metres that it does not, near the world's origin and some trees farther.
+            let lattices = [(1.0, 1), (0.1, 1), (0.1, 4), (0.3, 8)];
+            for (axis, (voxel, number)) in (0..3).flat_map(|axis| lattices.map(|l| (axis, l))) {
+                let side = 16.0 * voxel;
                 // The lower one red, the upper one green, both thin, of bricks and constants.
-                let (mut origin, mut maker) = (DVec3::ZERO, Maker::new());
-                for color in [[50, 0, 0, 20], [0, 50, 0, 20]] {
-                    let tree = header(origin, side / 16.0, 1, Corner, 1);
+                let mut maker = Maker::new();
+                for (color, number) in [([50, 0, 0, 20], number - 1), ([0, 50, 0, 20], number)] {
+                    let mut origin = DVec3::ZERO;
+                    origin[axis] = f64::from(16 * number) * voxel;
+                    let tree = header(origin, voxel, 1, Corner, 1);
                     let kind = move |level, p: UVec3| match level == 1 && p.x == p.y {
                         true => Kind::Leaf(color),
                         false => Kind::Brick,
                     };
                     maker = maker.tree(tree, kind, move |_, _| sample(color));
-                    origin[axis] += side;
                 }
                 let mut stage = Stage::new(maker);
                 let opacity = |path: f64| 1.0 - (1.0 - 20.0 / 255.0f64).powf(16.0 * path / side);
@@ -157,7 +161,7 @@ fn a_ray_in_the_plane_between_two_trees_belongs_to_the_upper_one() {
                         for (above, seen) in [(-1e-9, 0), (0.0, 1), (1e-9, 1)] {
                             let mut eye = DVec3::splat(0.3 * side);
                             eye[along] = start;
-                            eye[axis] = side + above * side;
+                            eye[axis] = f64::from(16 * number) * voxel + above * side;
                             let forward = DVec3::AXES[along] * sign;
                             let path = if sign > 0.0 {
                                 side - start.max(0.0)

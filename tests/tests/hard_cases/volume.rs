@@ -24,21 +24,19 @@ fn a_constant_root_lets_light_through_as_beers_law_says() {
                     let eye = lo + eye * side;
                     let camera = world::camera(eye, (lo + hi) * 0.5, 50.0, [32, 32]);
                     let what = format!("alpha {alpha}, voxel {voxel}, depth {depth}, from {eye}");
-                    let picture = stage.close(&what, &camera).gpu;
-                    let mut worst = 0f64;
-                    for (k, pixel) in picture.pixels.iter().enumerate() {
-                        let ray = camera.ray((k % 32) as f64, (k / 32) as f64);
-                        // A constant's alpha is its opacity across an eighth of its side.
-                        let tau = -(-f64::from(alpha) / 255.0).ln_1p() * path_in_box(eye, ray, lo, hi)
-                            / (side / 8.0);
-                        let transmittance = if (-tau).exp() < 1.0 / 1024.0 {
-                            0.0
-                        } else {
-                            (-tau).exp()
-                        };
-                        worst = worst.max((1.0 - f64::from(pixel[3]) - transmittance).abs());
+                    let both = stage.close(&what, &camera);
+                    for (caster, picture) in both.each() {
+                        let mut worst = 0f64;
+                        for (k, pixel) in picture.pixels.iter().enumerate() {
+                            let ray = camera.ray((k % 32) as f64, (k / 32) as f64);
+                            // A constant's alpha is its opacity across an eighth of its side.
+                            let voxels = path_in_box(eye, ray, lo, hi) / (side / 8.0);
+                            let through = (1.0 - f64::from(alpha) / 255.0).powf(voxels);
+                            let expected = if through < 1.0 / 1024.0 { 0.0 } else { through };
+                            worst = worst.max((1.0 - f64::from(pixel[3]) - expected).abs());
+                        }
+                        assert!(worst < 1e-4, "{caster}, {what}: off by {worst}");
                     }
-                    assert!(worst < 1e-4, "{what}: off by {worst}");
                 }
             }
         },
