@@ -158,6 +158,9 @@ impl Reference {
     }
 }
 
+/// Components from here on count as not finite.
+const LARGEST: f64 = 1e6;
+
 /// What all rays of a picture share.
 struct Scene<'a> {
     trees: &'a [Tree],
@@ -221,19 +224,19 @@ impl<'a> Scene<'a> {
                 break;
             }
         }
-        let rgba = transport.rgba();
-        if rgba.iter().all(|c| c.is_finite()) {
-            if rgba[3] > 0.0 {
-                *counters = add(
-                    counters,
-                    &RayCounters {
-                        rays_hit: 1,
-                        ..transport.counters
-                    },
-                );
-            }
-        } else {
+        let mut rgba = transport.rgba();
+        // Not-a-number is not below anything.
+        if !rgba.iter().all(|c| c.abs() < LARGEST) {
+            rgba = [0.0; 4];
             counters.not_finite += 1;
+        } else if rgba[3] > 0.0 {
+            *counters = add(
+                counters,
+                &RayCounters {
+                    rays_hit: 1,
+                    ..transport.counters
+                },
+            );
         }
         counters.capped += transport.capped;
         Ok(rgba)

@@ -43,13 +43,6 @@ const SMOOTH: Bound = Bound {
     worst: 1.0,
 };
 
-/// Where little but silhouettes is seen: rays beside an edge may meet it or not, and a tenth of the pixels are beside one.
-const SILHOUETTES: Bound = Bound {
-    near: 2.0,
-    share: 0.9,
-    worst: 255.0,
-};
-
 /// The largest difference of the two casters' alpha.
 fn alpha_apart(both: &Both) -> f32 {
     let pairs = both.gpu.pixels.iter().zip(&both.reference.pixels);
