@@ -27,6 +27,9 @@ pub enum RuntimeError {
         /// What does not fit.
         reason: String,
     },
+    /// Camera or settings that no picture can be made of.
+    #[error("{0}")]
+    Argument(&'static str),
     /// A picture that cannot be drawn.
     #[error("a picture of {width}×{height} pixels cannot be drawn: {reason}")]
     Size {

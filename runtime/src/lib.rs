@@ -11,6 +11,7 @@
 //! | [`bias`] | footprint bias that keeps the working set in the pool | render |
 //! | [`mod@reference`] | the CPU reference: the same rules in f64 by other code | any, parallel inside |
 //! | [`gpu`], [`picture`], [`settings`], [`error`] | device, pictures, settings, errors | any |
+//! | `testing` | trees in memory for tests; only with the feature of that name | any |
 
 pub mod bias;
 pub mod caster;
@@ -23,4 +24,6 @@ pub mod reference;
 pub mod renderer;
 pub mod settings;
 pub mod terrain;
+#[cfg(any(test, feature = "testing"))]
+pub mod testing;
 pub mod texture_pool;

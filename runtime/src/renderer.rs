@@ -4,13 +4,13 @@
 //! rays asked for, upload, cast, compact, start the next read-back. Nothing in [`Renderer::frame`] waits for a disk or for
 //! the device. [`Renderer::settle`] repeats frames, and does wait, until a picture has all it asks for.
 
+mod record;
 mod settle;
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use brickfell_culler::{Camera, Culler, TreeId};
-use brickfell_formats::octree::TreeHeader;
 use brickfell_pager::{PageFault, PageKey, Pager, PagerConfig, PagerStats, Store};
 use brickfell_shaders::layout;
 
@@ -179,7 +179,7 @@ impl Renderer {
     /// Draws one picture with what is there, without waiting for anything.
     ///
     /// # Errors
-    /// If the picture's size cannot be drawn or the device failed.
+    /// If no picture can be made of the camera and the settings, or not of this size, or the device failed.
     pub fn frame(&mut self, camera: &Camera, settings: &RenderSettings) -> Result<FrameReport, RuntimeError> {
         let limit = (UPLOAD_BUDGET_MS / self.ms_per_brick).clamp(1.0, MAX_UPLOAD_BRICKS as f64) as usize;
         let prepared = self.prepare(camera, settings, limit)?;
@@ -224,6 +224,7 @@ impl Renderer {
         brick_limit: usize,
     ) -> Result<Prepared, RuntimeError> {
         let start = Instant::now();
+        settings.check(camera).map_err(RuntimeError::Argument)?;
         self.gpu.check()?;
         self.caster
             .resize(&self.gpu, &self.memory, camera.width, camera.height)?;
@@ -275,7 +276,7 @@ impl Renderer {
             }
             match self.pool.activate(tree, &state, frame) {
                 Some(root) => {
-                    records.push(tree_record(camera, &header, root));
+                    records.push(record::tree_record(camera, &header, root));
                     active.push(ActiveTree { tree, state });
                 }
                 None => report.trees_waiting += 1,
@@ -450,32 +451,5 @@ impl Renderer {
     /// The device.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
-    }
-}
-
-/// A tree as the kernel sees it: everything relative to the depth where it begins, worked out in f64.
-fn tree_record(camera: &Camera, header: &TreeHeader, root: u32) -> layout::Tree {
-    let [lo, hi] = header.bounds();
-    // Depth is linear, so its least value over the box is reached at a corner.
-    let nearest = glam::DVec3::select(camera.forward.cmpgt(glam::DVec3::ZERO), lo, hi);
-    let depth0 = (nearest - camera.eye).dot(camera.forward).max(0.0);
-    let inv_voxel = 1.0 / header.voxel_size;
-    let scale = depth0 * inv_voxel;
-    layout::Tree {
-        base: ((camera.eye + camera.forward * depth0 - header.origin) * inv_voxel)
-            .as_vec3()
-            .to_array(),
-        depth0: depth0 as f32,
-        base_x: (camera.right * scale).as_vec3().to_array(),
-        inv_voxel: inv_voxel as f32,
-        base_y: (camera.up * scale).as_vec3().to_array(),
-        log2_root_voxel: header.level_voxel_size(0).log2() as f32,
-        root,
-        depth: u32::from(header.depth),
-        gain: f32::from(header.gain),
-        texel_offset: header.layout.texel_offset() as f32,
-        // The rim is given in voxels of the coarser level, twice the node's own.
-        rim: (header.layout.rim() * 2.0) as u32,
-        pad: [0; 3],
     }
 }

@@ -1,5 +1,6 @@
 //! What both renderers, the GPU ray caster and the CPU reference, are told besides the camera.
 
+use brickfell_culler::Camera;
 use glam::DVec3;
 
 /// How a picture is drawn.
@@ -38,6 +39,28 @@ impl RenderSettings {
     pub(crate) fn segment(&self) -> (u32, u32) {
         let step = self.step.clamp(-3, 3);
         (step.max(0) as u32, 1 << (-step).max(0))
+    }
+
+    /// Refuses, before a ray is cast, what no picture can be made of.
+    ///
+    /// # Errors
+    /// What is wrong with the camera or the settings.
+    pub fn check(&self, camera: &Camera) -> Result<(), &'static str> {
+        let axes = [camera.eye, camera.forward, camera.right, camera.up];
+        let pixel = camera.pixel_size();
+        if !(axes.iter().all(|v| v.is_finite()) && pixel.is_finite() && pixel > 0.0) {
+            return Err("the camera is not finite, or its field of view is empty");
+        }
+        if camera.width == 0 || camera.height == 0 {
+            return Err("the camera's picture has no pixel");
+        }
+        if !(self.bias.is_finite() && (pixel * self.bias.exp2()).is_finite()) {
+            return Err("the level bias is not finite");
+        }
+        if !(self.sun.is_finite() && self.ambient.is_finite() && self.diffuse.is_finite()) {
+            return Err("the light is not finite");
+        }
+        Ok(())
     }
 }
 

@@ -57,7 +57,7 @@ pub struct Frame {
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Tree {
-    /// Position of the central ray at `depth0`, in finest voxels of the tree.
+    /// Position of the central ray at `depth0`, in finest voxels of the tree from the corner of `cell`.
     pub base: [f32; 3],
     /// Depth along the camera's forward axis where the tree begins, metres.
     pub depth0: f32,
@@ -77,8 +77,12 @@ pub struct Tree {
     pub gain: f32,
     /// Texel offset of the tree's sample layout.
     pub texel_offset: f32,
+    /// The finest cell of the central ray at `depth0`; it may lie outside the tree.
+    pub cell: [i32; 3],
     /// Rim of constant nodes, in voxels of the node's own level.
     pub rim: u32,
+    /// Steps after which a ray is stopped in this tree.
+    pub max_steps: u32,
     /// Unused.
     pub pad: [u32; 3],
 }
@@ -99,7 +103,7 @@ pub struct Scatter {
     pub slots: [u32; 4],
 }
 
-const _: () = assert!(size_of::<Frame>() == 176 && size_of::<Tree>() == 80 && size_of::<Scatter>() == 32);
+const _: () = assert!(size_of::<Frame>() == 176 && size_of::<Tree>() == 96 && size_of::<Scatter>() == 32);
 
 /// Bit of a node's first word: there is no data below.
 pub const TERMINAL: u32 = 1 << 31;

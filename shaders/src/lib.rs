@@ -112,7 +112,9 @@ mod tests {
                 depth,
                 gain,
                 texel_offset,
+                cell,
                 rim,
+                max_steps,
             ]
         );
         assert_layout!(

@@ -96,9 +96,46 @@ pub fn assert_alike(what: &str, a: &Picture, b: &Picture, bound: Bound) {
     );
 }
 
+/// Root of the mean squared difference of all components, linear light.
+///
+/// # Panics
+/// If the sizes differ.
+pub fn rmse(a: &Picture, b: &Picture) -> f64 {
+    assert_eq!((a.width, a.height), (b.width, b.height));
+    let components = a.pixels.as_flattened().iter().zip(b.pixels.as_flattened());
+    let sum: f64 = components.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+    (sum / (4.0 * a.pixels.len().max(1) as f64)).sqrt()
+}
+
+fn is_hit(pixel: &[f32; 4]) -> bool {
+    pixel[3] > 0.5
+}
+
 /// Pixels that something was hit in: alpha above one half.
 pub fn covered(picture: &Picture) -> usize {
-    picture.pixels.iter().filter(|p| p[3] > 0.5).count()
+    picture.pixels.iter().filter(|p| is_hit(p)).count()
+}
+
+/// Pixels hit in one picture and missed in the other, outside the band where `b` has a silhouette: pixels whose eight
+/// neighbours in `b` are not all hit or all missed as they are.
+///
+/// # Panics
+/// If the sizes differ.
+pub fn disagreements(a: &Picture, b: &Picture) -> usize {
+    assert_eq!((a.width, a.height), (b.width, b.height));
+    let (width, height) = (a.width as usize, a.height as usize);
+    let is_even = |k: usize, hit: bool| {
+        let (column, row) = (k % width, k / width);
+        (row.saturating_sub(1)..(row + 2).min(height))
+            .flat_map(|row| (column.saturating_sub(1)..(column + 2).min(width)).map(move |c| row * width + c))
+            .all(|k| is_hit(&b.pixels[k]) == hit)
+    };
+    (0..a.pixels.len())
+        .filter(|k| {
+            let hit = is_hit(&b.pixels[*k]);
+            is_hit(&a.pixels[*k]) != hit && is_even(*k, hit)
+        })
+        .count()
 }
 
 #[cfg(test)]
@@ -126,5 +163,23 @@ mod tests {
         assert!(std::panic::catch_unwind(|| assert_alike("odd", &same, &odd, BOUND)).is_err());
         let exact = Bound { share: 1.0, ..BOUND };
         assert!(std::panic::catch_unwind(|| assert_alike("exact", &same, &near, exact)).is_err());
+    }
+
+    #[test]
+    fn only_silhouettes_may_differ_in_what_is_hit() {
+        // Hit from column 50 on.
+        let half = |edge: usize| {
+            let mut picture = picture(0.5);
+            for (k, pixel) in picture.pixels.iter_mut().enumerate() {
+                pixel[3] = f32::from(k % 100 >= edge);
+            }
+            picture
+        };
+        assert_eq!(disagreements(&half(51), &half(50)), 0);
+        assert_eq!(disagreements(&half(49), &half(50)), 0);
+        assert_eq!(disagreements(&half(52), &half(50)), 10);
+        let mut holed = half(50);
+        holed.pixels[999] = [0.0; 4];
+        assert_eq!(disagreements(&holed, &half(50)), 1);
     }
 }

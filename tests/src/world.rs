@@ -14,7 +14,7 @@ use brickfell_runtime::settings::RenderSettings;
 use brickfell_runtime::terrain::Terrain;
 use glam::DVec3;
 
-use crate::pictures::{Bound, assert_alike};
+use crate::pictures::{Bound, assert_alike, disagreements};
 
 /// Pools that hold everything the tests draw, unless a test asks for less.
 const GPU_BUDGET: u64 = 160 << 20;
@@ -35,6 +35,24 @@ pub struct World {
     pub store: Arc<dyn Store>,
     /// Its tree files.
     pub trees: Vec<String>,
+    /// Keeps what it read.
+    reference: Arc<Reference>,
+}
+
+/// One picture by both casters.
+#[derive(Clone, Debug)]
+pub struct Both {
+    /// The GPU's, settled.
+    pub gpu: Picture,
+    /// The reference's.
+    pub reference: Picture,
+}
+
+impl Both {
+    /// Both with their names, for what must hold for each.
+    pub fn each(&self) -> [(&'static str, &Picture); 2] {
+        [("GPU", &self.gpu), ("reference", &self.reference)]
+    }
 }
 
 impl World {
@@ -46,6 +64,7 @@ impl World {
         let terrain = Terrain::open(&store).unwrap();
         assert!(terrain.faults.is_empty(), "{:?}", terrain.faults);
         Self {
+            reference: Arc::new(Reference::new(Arc::clone(&store), &terrain.trees).unwrap()),
             store,
             trees: terrain.trees,
         }
@@ -82,16 +101,16 @@ impl World {
     /// # Panics
     /// If it cannot draw, a ray ran into the step cap or a pixel is not a number.
     pub fn reference(&self, camera: &Camera, settings: &RenderSettings) -> Picture {
-        let reference = Reference::new(Arc::clone(&self.store), &self.trees).unwrap();
-        let (picture, counters) = reference.render(camera, settings).unwrap();
+        let (picture, counters) = self.reference.render(camera, settings).unwrap();
         assert_sound(&counters);
         picture
     }
 
-    /// Draws a settled picture on the GPU, compares it with the reference's and returns it.
+    /// Draws a settled picture on the GPU, compares it with the reference's and returns both.
     ///
     /// # Panics
-    /// If the pictures are farther apart than the bound, or the settled frame is not what settled means.
+    /// If the pictures are farther apart than the bound, or hits differ outside the silhouettes, or the settled frame is
+    /// not what settled means.
     pub fn check(
         &self,
         what: &str,
@@ -99,16 +118,17 @@ impl World {
         camera: &Camera,
         settings: &RenderSettings,
         bound: Bound,
-    ) -> Picture {
-        let (picture, report) = settled(renderer, camera, settings);
+    ) -> Both {
+        let (gpu, report) = settled(renderer, camera, settings);
         assert_eq!(
             report.bias, settings.bias,
             "{what}: the pool is meant to be large enough"
         );
         let reference = self.reference(camera, settings);
-        assert_eq!(count_holes(&picture, &reference), 0, "{what}: holes");
-        assert_alike(what, &picture, &reference, bound);
-        picture
+        assert_eq!(count_holes(&gpu, &reference), 0, "{what}: holes");
+        assert_eq!(disagreements(&gpu, &reference), 0, "{what}: hits and misses");
+        assert_alike(what, &gpu, &reference, bound);
+        Both { gpu, reference }
     }
 }
 

@@ -8,7 +8,7 @@ use brickfell_pager::{Pager, PagerConfig, Store as _};
 use glam::DVec3;
 
 use super::*;
-use crate::reference::testing::{Kind, Store, grey, header};
+use crate::testing::{Kind, Store, grey, header};
 
 /// A tree of depth 3, all bricks but for a constant octant, with levels up to `last` in RAM.
 fn active(last: u8) -> ActiveTree {

@@ -19,7 +19,7 @@ mod tree;
 mod walk;
 
 #[cfg(test)]
-pub(crate) mod testing;
+mod testing;
 #[cfg(test)]
 mod tests_files;
 #[cfg(test)]
@@ -158,6 +158,9 @@ impl Reference {
     }
 }
 
+/// Components from here on count as not finite.
+const LARGEST: f64 = 1e6;
+
 /// What all rays of a picture share.
 struct Scene<'a> {
     trees: &'a [Tree],
@@ -170,23 +173,13 @@ struct Scene<'a> {
 
 impl<'a> Scene<'a> {
     fn new(trees: &'a [Tree], camera: &Camera, settings: &RenderSettings) -> Result<Self, ReferenceError> {
-        let axes = [camera.eye, camera.forward, camera.right, camera.up];
-        let footprint = camera.pixel_size() * settings.bias.exp2();
-        if !axes.iter().all(|v| v.is_finite()) || !footprint.is_finite() {
-            return Err(ReferenceError::Argument(
-                "the camera or the level bias is not finite",
-            ));
-        }
-        let light = settings.sun.is_finite() && settings.ambient.is_finite() && settings.diffuse.is_finite();
-        if !light {
-            return Err(ReferenceError::Argument("the light is not finite"));
-        }
+        settings.check(camera).map_err(ReferenceError::Argument)?;
         Ok(Self {
             trees,
             shading: Shading::new(settings),
             mix_levels: settings.mix_levels,
             segment: settings.segment(),
-            footprint,
+            footprint: camera.pixel_size() * settings.bias.exp2(),
         })
     }
 
@@ -235,19 +228,19 @@ impl<'a> Scene<'a> {
                 break;
             }
         }
-        let rgba = transport.rgba();
-        if rgba.iter().all(|c| c.is_finite()) {
-            if rgba[3] > 0.0 {
-                *counters = add(
-                    counters,
-                    &RayCounters {
-                        rays_hit: 1,
-                        ..transport.counters
-                    },
-                );
-            }
-        } else {
+        let mut rgba = transport.rgba();
+        // Not-a-number is not below anything.
+        if !rgba.iter().all(|c| c.abs() < LARGEST) {
+            rgba = [0.0; 4];
             counters.not_finite += 1;
+        } else if rgba[3] > 0.0 {
+            *counters = add(
+                counters,
+                &RayCounters {
+                    rays_hit: 1,
+                    ..transport.counters
+                },
+            );
         }
         counters.capped += transport.capped;
         Ok(rgba)

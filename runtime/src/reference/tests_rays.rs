@@ -7,7 +7,8 @@ use glam::{DVec3, UVec3, dvec3};
 use proptest::prelude::*;
 
 use super::testing::*;
-use super::{Reference, ReferenceError};
+use super::walk::{Passage, Transport, Walk};
+use super::{Reference, Scene};
 use crate::settings::RenderSettings;
 
 /// A number from numbers, the same every time.
@@ -287,54 +288,18 @@ fn depth_twenty_is_walked_to_the_end() {
 }
 
 #[test]
-fn cameras_and_settings_that_are_not_finite_are_refused() {
+fn a_ray_that_needs_more_segments_than_its_cap_is_counted() {
     let reference = hill(DVec3::ZERO);
-    let good = Camera::look_at(DVec3::splat(40.0), DVec3::ZERO, 30.0, 8, 8).unwrap();
-    let settings = RenderSettings::default();
-    let refused = |camera: &Camera, settings: &RenderSettings| {
-        matches!(
-            reference.cast(camera, settings, 0.0, 0.0),
-            Err(ReferenceError::Argument(_))
-        )
+    let camera = Camera::look_at(dvec3(-5.0, 8.1, 10.5), dvec3(40.0, 8.3, 10.4), 1.0, 1, 1).unwrap();
+    let scene = Scene::new(&reference.trees, &camera, &RenderSettings::default()).unwrap();
+    let ray = scene.ray(&camera, 0.0, 0.0);
+    let tree = &reference.trees[0];
+    let capped = |cap: Option<u64>| {
+        let mut walk = Walk::new(tree, &ray, Passage::through(tree, &ray).unwrap());
+        walk.cap = cap.unwrap_or(walk.cap);
+        let mut transport = Transport::default();
+        walk.run(&mut transport).unwrap();
+        transport.capped
     };
-    assert!(!refused(&good, &settings));
-    assert!(refused(
-        &Camera {
-            eye: DVec3::NAN,
-            ..good
-        },
-        &settings
-    ));
-    assert!(refused(
-        &Camera {
-            fov_y: f64::NAN,
-            ..good
-        },
-        &settings
-    ));
-    assert!(refused(
-        &good,
-        &RenderSettings {
-            bias: f64::INFINITY,
-            ..settings
-        }
-    ));
-    assert!(refused(
-        &good,
-        &RenderSettings {
-            sun: DVec3::NAN,
-            ..settings
-        }
-    ));
-    // One pixel, and a wide flat picture.
-    for (width, height) in [(1, 1), (4096, 4)] {
-        let camera = Camera {
-            width,
-            height,
-            ..good
-        };
-        let (picture, counters) = reference.render(&camera, &settings).unwrap();
-        assert_eq!(picture.pixels.len(), (width * height) as usize);
-        assert_eq!((counters.capped, counters.not_finite), (0, 0));
-    }
+    assert_eq!((capped(None), capped(Some(3))), (0, 1));
 }

@@ -45,22 +45,40 @@ pub(super) struct Passage {
 impl Passage {
     /// The passage of a ray through a tree, `None` if it has no length.
     pub(super) fn through(tree: &Tree, ray: &Ray) -> Option<Self> {
-        let [lo, hi] = tree.header.bounds();
+        // In voxels, where all trees of a lattice have the same planes whatever their origins' rounding.
+        let (eye, direction) = in_tree(tree, ray);
+        let side = tree.header.side_voxels() as f64;
         let (mut enter, mut leave) = (0f64, f64::INFINITY);
         for axis in 0..3 {
-            let (p, d) = (ray.eye[axis], ray.direction[axis]);
+            let (p, d) = (eye[axis], direction[axis]);
             if d == 0.0 {
-                if !(lo[axis] <= p && p < hi[axis]) {
+                if !(0.0 <= p && p < side) {
                     return None;
                 }
             } else {
-                let (a, b) = ((lo[axis] - p) / d, (hi[axis] - p) / d);
+                let (a, b) = (-p / d, (side - p) / d);
                 enter = enter.max(a.min(b));
                 leave = leave.min(a.max(b));
             }
         }
         (enter < leave && leave.is_finite()).then_some(Self { enter, leave })
     }
+}
+
+/// A ray's eye and direction in finest voxels of a tree, from its low corner.
+fn in_tree(tree: &Tree, ray: &Ray) -> (DVec3, DVec3) {
+    // The eye and the corner are rounded metres; what they are but for that are whole voxels of the world's lattice.
+    let voxels = |metres: f64| {
+        let exact = metres / tree.header.voxel_size;
+        let whole = exact.round();
+        if (exact - whole).abs() <= whole.abs() * (4.0 * f64::EPSILON) {
+            whole
+        } else {
+            exact
+        }
+    };
+    let eye = ray.eye.map(voxels) - tree.header.origin.map(voxels);
+    (eye, ray.direction / tree.header.voxel_size)
 }
 
 /// Transmittance below which a ray is taken to be opaque.
@@ -148,18 +166,16 @@ pub(super) struct Walk<'t, 'r> {
     z: f64,
     /// Level wanted there; it only falls.
     wanted: u8,
+    /// Segments after which the ray is stopped.
+    pub(super) cap: u64,
 }
 
 impl<'t, 'r> Walk<'t, 'r> {
     /// A ray at the start of its passage.
     pub(super) fn new(tree: &'t Tree, ray: &'r Ray, passage: Passage) -> Self {
         let header = &tree.header;
-        let trail = Trail::new(
-            (ray.eye - header.origin) / header.voxel_size,
-            ray.direction / header.voxel_size,
-            passage.enter,
-            header.side_voxels() as i64,
-        );
+        let (eye, direction) = in_tree(tree, ray);
+        let trail = Trail::new(eye, direction, passage.enter, header.side_voxels() as i64);
         Self {
             tree,
             ray,
@@ -167,12 +183,9 @@ impl<'t, 'r> Walk<'t, 'r> {
             trail,
             z: passage.enter,
             wanted: header.depth,
+            // More than any ray needs: one per plane of the finest lattice and one per level, with room to spare.
+            cap: 3 * header.side_voxels() + 2 * u64::from(header.depth) + 16,
         }
-    }
-
-    /// Most segments a ray can have: one per plane of the finest lattice and one per level, with room to spare.
-    fn cap(&self) -> u64 {
-        3 * self.tree.header.side_voxels() + 2 * u64::from(self.tree.header.depth) + 16
     }
 
     /// Gathers what the tree adds to the ray, until the ray leaves it or is opaque.
@@ -180,7 +193,7 @@ impl<'t, 'r> Walk<'t, 'r> {
         let side = self.tree.header.side_voxels() as i64;
         let root = CellBox::around(glam::I64Vec3::ZERO, side);
         let mut last: Option<Place<'t>> = None;
-        for _ in 0..self.cap() {
+        for _ in 0..self.cap {
             if self.z >= self.passage.leave || !root.contains(self.trail.cell()) {
                 return Ok(());
             }

@@ -1,7 +1,8 @@
 // The ray caster: one thread a pixel, all trees of the list in one dispatch, front to back.
 //
 // The rules of a ray are written down in docs/raycasting.md; the CPU reference follows the same rules with other code.
-// Positions inside a tree are in finest voxels; the cell a ray is in is an integer, so planes are crossed exactly.
+// Positions inside a tree are in finest voxels, from a cell near the eye; the cell a ray is in is an integer, so planes are
+// crossed exactly.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> trees: array<Tree>;
@@ -136,11 +137,13 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     let inv = 1.0 / select(d, vec3(1.0), parallel);
 
     // Half-open slabs; depths are relative to the tree's.
-    if (any(parallel & ((origin < vec3(0.0)) | (origin >= vec3(f32(side)))))) {
+    let box_low = vec3<f32>(-tree.cell);
+    let box_high = vec3<f32>(side - tree.cell);
+    if (any(parallel & ((origin < box_low) | (origin >= box_high)))) {
         return;
     }
-    let t_low = (vec3(0.0) - origin) * inv;
-    let t_high = (vec3(f32(side)) - origin) * inv;
+    let t_low = (box_low - origin) * inv;
+    let t_high = (box_high - origin) * inv;
     let t_in = select(min(t_low, t_high), vec3(-FAR), parallel);
     let t_out = select(max(t_low, t_high), vec3(FAR), parallel);
     let enter = max(max(t_in.x, t_in.y), t_in.z);
@@ -151,7 +154,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     }
 
     // The entry plane's cell is exact, the others are where the point lies.
-    var cell = clamp(vec3<i32>(floor(origin + d * t)), vec3(0), vec3(side - 1));
+    var cell = clamp(tree.cell + vec3<i32>(floor(origin + d * t)), vec3(0), vec3(side - 1));
     cell = select(cell, select(vec3(side - 1), vec3(0), positive), (t_in == vec3(t)) & !parallel);
 
     var stack: array<u32, MAX_LEVELS>;
@@ -165,10 +168,9 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     var alone = true;       // the node is used without its parent
     let deepest = f32(tree.depth);
     let log2_footprint = tree.log2_root_voxel - log2(frame.footprint);
-    let max_steps = 64u + 4u * u32(side);
 
     for (var step = 0u; ; step++) {
-        if (step >= max_steps) {
+        if (step >= tree.max_steps) {
             capped = true;
             return;
         }
@@ -211,7 +213,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
                 parent = read_node(stack[level - 1u]);
                 stamp(stack[level - 1u], parent);
                 if (!has_data(parent)) {
-                    // A constant may have come without its parent's brick, among its siblings.
+                    // Tiles come ahead of bricks: a constant node may be here before the brick it is mixed with.
                     ask(tree_index, fine, cell, tree.depth + 3u - fine);
                     alone = true;
                 }
@@ -250,7 +252,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         }
 
         let plane = select(low, low + size, positive);
-        let t_plane = select((vec3<f32>(plane) - origin) * inv, vec3(FAR), parallel);
+        let t_plane = select((vec3<f32>(plane - tree.cell) - origin) * inv, vec3(FAR), parallel);
         let t_cell = min(min(t_plane.x, t_plane.y), t_plane.z);
         var t_next = max(min(t_cell, leave), t);
         var crossed = (t_plane == vec3(t_cell)) & !parallel;
@@ -275,12 +277,12 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
             }
             for (var part = 0u; part < parts && !closed && transmittance > 0.0; part++) {
                 let p = origin + d * (t + dt * (f32(part) + 0.5));
-                let local = clamp((p - vec3<f32>(node_low)) * scale, vec3(0.0), vec3(8.0));
+                let local = clamp((p - vec3<f32>(node_low - tree.cell)) * scale, vec3(0.0), vec3(8.0));
                 let reads = texture_reads;
                 var light = convert(word, local, tree.texel_offset, tree.gain, s);
                 if (!single) {
                     let coarse_low = (node_low >> vec3(node_shift + 1u)) << vec3(node_shift + 1u);
-                    let coarse_local = clamp((p - vec3<f32>(coarse_low)) * (0.5 * scale), vec3(0.0), vec3(8.0));
+                    let coarse_local = clamp((p - vec3<f32>(coarse_low - tree.cell)) * (0.5 * scale), vec3(0.0), vec3(8.0));
                     let coarse = convert(parent, coarse_local, tree.texel_offset, tree.gain, 0.5 * s);
                     light.rgb = mix(coarse.rgb, light.rgb, weight);
                     light.a = mix(coarse.a, light.a, weight);
@@ -301,7 +303,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         }
         t = t_next;
         let old = cell;
-        let inside = clamp(vec3<i32>(floor(origin + d * t)), low, low + vec3(size - 1));
+        let inside = clamp(tree.cell + vec3<i32>(floor(origin + d * t)), low, low + vec3(size - 1));
         cell = select(inside, select(low - 1, low + size, positive), crossed);
         if (any(cell < vec3(0)) || any(cell >= vec3(side))) {
             return;

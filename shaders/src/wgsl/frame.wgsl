@@ -44,7 +44,7 @@ struct Frame {
 
 struct Tree {
     // Position of the ray with screen coordinates (sx, sy) at depth `depth0`, in finest voxels of the tree:
-    // base + sx * base_x + sy * base_y.
+    // cell + base + sx * base_x + sy * base_y. What is near the eye so has small numbers, however large the tree is.
     base: vec3<f32>,
     // Depth along the camera's forward axis where the tree begins, metres.
     depth0: f32,
@@ -60,9 +60,14 @@ struct Tree {
     depth: u32,
     // Opacity gain.
     gain: f32,
-    // Texel offset of the tree's sample layout, and the rim of constant nodes in voxels of a node's own level.
+    // Texel offset of the tree's sample layout.
     texel_offset: f32,
+    // The finest cell at the base.
+    cell: vec3<i32>,
+    // Rim of constant nodes in voxels of a node's own level.
     rim: u32,
+    // Steps after which a ray is stopped in this tree.
+    max_steps: u32,
     pad0: u32,
     pad1: u32,
     pad2: u32,

@@ -11,7 +11,7 @@ use glam::{DVec3, UVec3};
 
 use super::super::*;
 use crate::node_lists::{ActiveTree, NodeListProcessors};
-use crate::reference::testing::{Kind, Store, grey, header};
+use crate::testing::{Kind, Store, grey, header};
 
 pub(super) const TREES: u32 = 3;
 pub(super) const DEPTH: u8 = 3;

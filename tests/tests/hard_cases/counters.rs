@@ -1,0 +1,105 @@
+//! The counters that every picture of these tests finds at 0 can count.
+
+use std::sync::Arc;
+
+use brickfell_runtime::caster::{Caster, REQUEST_CAPACITY};
+use brickfell_runtime::memory::{PoolMemory, PoolSizes};
+use brickfell_runtime::picture::RayCounters;
+use brickfell_runtime::reference::Reference;
+use brickfell_shaders::layout;
+
+use super::*;
+
+#[test]
+fn pixels_that_are_not_finite_are_counted() {
+    exactly("counters::pixels_that_are_not_finite_are_counted", || {
+        let Stage { world, mut renderer } = Stage::new(neighbours());
+        let camera = look(DVec3::new(-30.0, -20.0, 20.0), DVec3::new(1.0, 1.0, -0.6), 40, 30);
+        let plain = RenderSettings::default();
+        renderer.settle(&camera, &plain).unwrap();
+        let hits = renderer.feedback().counters.rays_hit;
+        let reference = Reference::new(Arc::clone(&world.store), &world.trees).unwrap();
+        // Light that is finite in f64 but not in f32, and light that is finite but for the sum of its two kinds.
+        for light in [1e39, f64::MAX] {
+            let settings = RenderSettings {
+                ambient: light,
+                diffuse: light,
+                ..plain
+            };
+            renderer.settle(&camera, &settings).unwrap();
+            let gpu = (renderer.read_picture().unwrap(), renderer.feedback().counters);
+            for (picture, counters) in [gpu, reference.render(&camera, &settings).unwrap()] {
+                let counted = counters.not_finite;
+                assert!(counted > hits / 2 && counted <= hits, "{counted} of {hits}");
+                let mut components = picture.pixels.as_flattened().iter();
+                assert!(components.all(|c| c.abs() < 1e6), "none reaches the picture");
+            }
+        }
+    });
+}
+
+/// Casts 8×8 rays through one tree of a single empty brick, of which the record may be changed.
+fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
+    let gpu = world::gpu();
+    let sizes = PoolSizes::fit(1 << 20, Centre, &gpu.device.limits()).unwrap();
+    let mut memory = PoolMemory::new(&gpu, sizes).unwrap();
+    let mut caster = Caster::new(&gpu, &memory).unwrap();
+    caster.resize(&gpu, &memory, 8, 8).unwrap();
+    let frame = layout::Frame {
+        size: [8, 8],
+        tree_count: 1,
+        frame: 1,
+        screen_origin: [-0.0875; 2],
+        screen_step: [0.025; 2],
+        forward: [1.0, 0.0, 0.0, 0.0],
+        right: [0.0, -1.0, 0.0, 0.0],
+        up: [0.0, 0.0, 1.0, 0.0],
+        footprint: 1e-3,
+        mix_levels: 1,
+        brick_side: sizes.brick_side,
+        slots: [sizes.slots[0], sizes.slots[1], sizes.slots[2], 0],
+        texel: [0.0; 4],
+        brick_slots: sizes.bricks(),
+        node_tiles: sizes.tiles,
+        request_capacity: REQUEST_CAPACITY,
+        request_share: 1,
+        ..Default::default()
+    };
+    // Eight voxels of a metre, from 1 m before the eye.
+    let mut tree = layout::Tree {
+        base: [0.0, 0.5, 0.5],
+        cell: [-1, 4, 4],
+        inv_voxel: 1.0,
+        root: 8,
+        gain: 1.0,
+        texel_offset: 1.0,
+        rim: 1,
+        max_steps: 96,
+        ..Default::default()
+    };
+    change(&mut tree);
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    let root = [8, layout::TERMINAL | layout::BRICK, 1, 0];
+    memory.upload(&gpu, &mut encoder, &[root], &[], None);
+    let entry = caster.encode(&gpu, &mut encoder, &frame, &[tree]).unwrap();
+    gpu.queue.submit([encoder.finish()]);
+    caster.submitted(entry);
+    gpu.wait().unwrap();
+    loop {
+        if let Some(feedback) = caster.collect(&gpu, &memory).pop() {
+            return feedback.counters;
+        }
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn rays_that_need_more_steps_than_their_cap_are_counted() {
+    exactly(
+        "counters::rays_that_need_more_steps_than_their_cap_are_counted",
+        || {
+            assert_eq!(cast(|_| ()).capped, 0);
+            assert_eq!(cast(|tree| tree.max_steps = 5).capped, 64);
+        },
+    );
+}

@@ -1,0 +1,156 @@
+//! Pictures in motion: what rests does not change, what moves slowly changes slowly.
+
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+
+use brickfell_culler::Camera;
+use brickfell_formats::layout::SampleLayout;
+use brickfell_runtime::picture::Picture;
+use brickfell_runtime::renderer::Renderer;
+use brickfell_runtime::settings::RenderSettings;
+use brickfell_tests::demo::{Demo, SIZE};
+use brickfell_tests::exact::exactly;
+use brickfell_tests::pictures::{covered, rmse};
+use brickfell_tests::world::{self, World, settled};
+use glam::DVec3;
+
+/// Voxels per axis of the trees.
+const TREE: u32 = 128;
+const PIXELS: [u32; 2] = [160, 120];
+const FRAMES: u32 = 24;
+
+fn demo() -> MutexGuard<'static, Demo> {
+    static DEMO: OnceLock<Mutex<Demo>> = OnceLock::new();
+    DEMO.get_or_init(|| Mutex::new(Demo::new(Path::new(env!("CARGO_TARGET_TMPDIR")))))
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The terrain and a point on it.
+fn terrain() -> (World, DVec3) {
+    let mut demo = demo();
+    let middle = demo.above(0.5 * SIZE, 0.5 * SIZE, 0.0);
+    (demo.world(TREE, SampleLayout::Centre), middle)
+}
+
+fn overview(middle: DVec3, distance: f64) -> Camera {
+    let direction = DVec3::new(-0.5, -0.6, 0.5).normalize();
+    world::camera(middle + direction * distance, middle, 50.0, PIXELS)
+}
+
+#[test]
+fn a_camera_that_rests_sees_the_same_bits_in_every_frame() {
+    exactly("a_camera_that_rests_sees_the_same_bits_in_every_frame", || {
+        let (world, middle) = terrain();
+        let (camera, settings) = (overview(middle, 40.0), RenderSettings::default());
+        let mut renderer = world.renderer();
+        let (first, _) = settled(&mut renderer, &camera, &settings);
+        assert!(covered(&first) > 5000);
+        for frame in 0..30 {
+            renderer.frame(&camera, &settings).unwrap();
+            assert!(renderer.read_picture().unwrap() == first, "frame {frame}");
+        }
+    });
+}
+
+#[test]
+fn two_renderers_settle_to_the_same_picture() {
+    exactly("two_renderers_settle_to_the_same_picture", || {
+        let (world, middle) = terrain();
+        let settings = RenderSettings::default();
+        let camera = overview(middle, 40.0);
+        // The last one has seen something else before. All have their bricks in other slots, where texture coordinates
+        // are rounded differently; devices whose weights have 8 bits give the same bits.
+        let mut other = world.renderer();
+        settled(
+            &mut other,
+            &overview(middle + DVec3::new(9.0, -7.0, 2.0), 12.0),
+            &settings,
+        );
+        let (first, _) = settled(&mut world.renderer(), &camera, &settings);
+        for mut renderer in [world.renderer(), other] {
+            let (picture, _) = settled(&mut renderer, &camera, &settings);
+            let pairs = first
+                .pixels
+                .as_flattened()
+                .iter()
+                .zip(picture.pixels.as_flattened());
+            let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(worst < 2e-5, "{worst}");
+        }
+    });
+}
+
+/// Differences between the settled pictures of neighbouring cameras of a path, by a measure.
+fn changes(
+    renderer: &mut Renderer,
+    settings: &RenderSettings,
+    path: impl Iterator<Item = Camera>,
+    measure: fn(&Picture, &Picture) -> f64,
+) -> Vec<f64> {
+    let pictures: Vec<Picture> = path
+        .map(|camera| settled(renderer, &camera, settings).0)
+        .collect();
+    pictures.windows(2).map(|w| measure(&w[0], &w[1])).collect()
+}
+
+/// The largest change in terms of the median of those within two frames of it.
+fn spike(changes: &[f64]) -> f64 {
+    let ratio = |k: usize| {
+        let mut around = changes[k.saturating_sub(2)..(k + 3).min(changes.len())].to_vec();
+        around.sort_by(f64::total_cmp);
+        changes[k] / around[around.len() / 2]
+    };
+    (0..changes.len()).map(ratio).fold(0.0, f64::max)
+}
+
+/// Far above the terrain, a circle of so many metres of it filling the picture's height: one level is wanted everywhere.
+fn from_above(middle: DVec3, metres: f64) -> Camera {
+    const DISTANCE: f64 = 1000.0;
+    let fov = (2.0 * (0.5 * 18.0 / DISTANCE).atan()).to_degrees();
+    let up = DVec3::new(0.02, 0.1, 1.0).normalize() * (DISTANCE * metres / 18.0);
+    world::camera(middle + up, middle, fov, PIXELS)
+}
+
+/// Levels so coarse that one can see them change, in a zoom from 12 to 18 m: λ goes from 2.53, where the nearest level is
+/// 3, to 1.95, where the finer of the mixed ones is 2.
+fn coarse(mix_levels: bool) -> RenderSettings {
+    RenderSettings {
+        bias: 2.786,
+        mix_levels,
+        ..RenderSettings::default()
+    }
+}
+
+#[test]
+fn a_slow_zoom_has_no_popping() {
+    exactly("a_slow_zoom_has_no_popping", || {
+        let (world, middle) = terrain();
+        let mut renderer = world.renderer();
+        let mut zoom = |mix_levels: bool| {
+            let path = (0..FRAMES)
+                .map(|k| from_above(middle, 12.0 * 1.5f64.powf(f64::from(k) / f64::from(FRAMES - 1))));
+            let changes = changes(&mut renderer, &coarse(mix_levels), path, rmse);
+            spike(&changes)
+        };
+        let (mixed, nearest) = (zoom(true), zoom(false));
+        assert!(mixed < 1.2 && nearest > 1.5, "mixed {mixed}, nearest {nearest}");
+    });
+}
+
+#[test]
+fn a_slow_pan_does_not_flicker() {
+    exactly("a_slow_pan_does_not_flicker", || {
+        let (world, middle) = terrain();
+        let mut renderer = world.renderer();
+        // A quarter of a pixel a frame, at the middle of a picture in which levels change.
+        let camera = overview(middle, 45.0);
+        let step = camera.right * (0.25 * 45.0 * camera.pixel_size());
+        let path = (0..16).map(|k| Camera {
+            eye: camera.eye + step * f64::from(k),
+            ..camera
+        });
+        let changes = changes(&mut renderer, &RenderSettings::default(), path, rmse);
+        assert!(spike(&changes) < 1.15, "{changes:?}");
+    });
+}
