@@ -43,6 +43,13 @@ pub struct Feedback {
     pub gpu_ms: [f64; 3],
 }
 
+impl Feedback {
+    /// True if there were more requests than room for them.
+    pub fn is_truncated(&self) -> bool {
+        self.request_count > REQUEST_CAPACITY
+    }
+}
+
 #[derive(Debug)]
 struct RingEntry {
     buffer: wgpu::Buffer,

@@ -103,6 +103,8 @@ pub struct Renderer {
     caster: Caster,
     bias: BiasController,
     frame: u32,
+    /// Merges so far; several in a frame while settling.
+    merges: u64,
     list: NodeList,
     feedback: Feedback,
     pending: usize,
@@ -164,6 +166,7 @@ impl Renderer {
             caster,
             bias: BiasController::default(),
             frame: 0,
+            merges: 0,
             list: NodeList::default(),
             feedback: Feedback::default(),
             pending: 0,
@@ -186,8 +189,15 @@ impl Renderer {
         self.draw(camera, settings, prepared, 1)
     }
 
-    /// Takes the read-backs that arrived: usage, counters, requests.
-    fn absorb(&mut self) {
+    /// Publishes finished loads.
+    fn merge(&mut self) {
+        self.merges += 1;
+        self.pager.merge(self.merges);
+    }
+
+    /// Takes the read-backs that arrived: usage, counters, requests. With `settling`, so that the requests do not depend on
+    /// which ray was first: without repetitions, and not at all if the list had no room for all of them.
+    fn absorb(&mut self, settling: bool) {
         for feedback in self.caster.collect(&self.gpu, &self.memory) {
             self.pool.touch(&feedback);
             if let Some(k) = self
@@ -199,6 +209,13 @@ impl Renderer {
             }
             self.in_flight.retain(|(frame, _)| *frame > feedback.frame);
             self.feedback = feedback;
+            if settling {
+                let truncated = self.feedback.is_truncated();
+                let requests = &mut self.feedback.requests;
+                requests.retain(|_| !truncated);
+                requests.sort_unstable();
+                requests.dedup();
+            }
             self.submit_requests();
         }
     }
@@ -235,7 +252,7 @@ impl Renderer {
             ..Default::default()
         };
 
-        self.absorb();
+        self.absorb(false);
         if let Some(list) = self.processors.take()
             && list.frame >= self.list.frame
         {
@@ -244,7 +261,7 @@ impl Renderer {
         report.readback_ms = ms(start);
 
         let merge = Instant::now();
-        self.pager.merge(u64::from(frame));
+        self.merge();
         report.merge_ms = ms(merge);
 
         let cull = Instant::now();

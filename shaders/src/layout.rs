@@ -130,7 +130,7 @@ pub const COUNTER_CAPPED: usize = 5;
 pub const COUNTER_NOT_FINITE: usize = 6;
 
 /// A request as the rays write it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Request {
     /// Index of the tree in the frame's list.
     pub tree: u32,

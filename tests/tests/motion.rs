@@ -59,8 +59,8 @@ fn two_renderers_settle_to_the_same_picture() {
         let (world, middle) = terrain();
         let settings = RenderSettings::default();
         let camera = overview(middle, 40.0);
-        // The last one has seen something else before. All have their bricks in other slots, where texture coordinates
-        // are rounded differently; devices whose weights have 8 bits give the same bits.
+        // The last one has seen something else before and has its bricks in other slots, where texture coordinates are
+        // rounded differently; devices whose weights have 8 bits give the same bits even then.
         let mut other = world.renderer();
         settled(
             &mut other,
@@ -68,7 +68,7 @@ fn two_renderers_settle_to_the_same_picture() {
             &settings,
         );
         let (first, _) = settled(&mut world.renderer(), &camera, &settings);
-        for mut renderer in [world.renderer(), other] {
+        for (mut renderer, bound) in [(world.renderer(), 0.0), (world.renderer(), 0.0), (other, 2e-5)] {
             let (picture, _) = settled(&mut renderer, &camera, &settings);
             let pairs = first
                 .pixels
@@ -76,7 +76,7 @@ fn two_renderers_settle_to_the_same_picture() {
                 .iter()
                 .zip(picture.pixels.as_flattened());
             let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-            assert!(worst < 2e-5, "{worst}");
+            assert!(worst <= bound, "{worst}");
         }
     });
 }

@@ -17,7 +17,7 @@ const SETTLE_LIMIT: u32 = 600;
 /// seldom missed.
 const PROBE_STRIDE: u32 = 4;
 /// Requests below which whole pictures find what is missing sooner than probes do.
-const PROBE_REQUESTS: u32 = 256;
+const PROBE_REQUESTS: usize = 256;
 /// Most probes: in pools that are too small they do not see all that is in use, and take turns to throw it out.
 const MAX_PROBES: u32 = 16;
 /// Most rounds of loading between two pictures while settling.
@@ -43,7 +43,8 @@ impl std::ops::AddAssign for Uploads {
 
 impl Renderer {
     /// Draws frames until one is settled: two in a row that were read back without a request, load or upload and with an
-    /// unchanged bias. Returns the last one's report and the number of frames.
+    /// unchanged bias. Returns the last one's report and the number of frames. What is loaded, and into which slots, follows
+    /// from the pictures settled so far alone, so a flight that is flown again gives the same bits.
     ///
     /// # Errors
     /// If the picture does not settle, or as [`Self::frame`].
@@ -68,11 +69,17 @@ impl Renderer {
             // The next frame's list is made of this frame's requests: that it is calm, too, says that they were none, or
             // only of pages that were given up.
             let calm = uploads == Uploads::default()
+                && !self.feedback.is_truncated()
                 && report.pending == 0
                 && report.trees_waiting == 0
                 && settings.bias + self.bias.extra() == report.bias;
             quiet = if calm { quiet + 1 } else { 0 };
-            if stride > 1 && (calm || frames == MAX_PROBES || self.feedback.request_count < PROBE_REQUESTS) {
+            let asked = if self.feedback.is_truncated() {
+                usize::MAX
+            } else {
+                self.feedback.requests.len()
+            };
+            if stride > 1 && (calm || frames == MAX_PROBES || asked < PROBE_REQUESTS) {
                 (stride, quiet) = (1, 0);
             }
             if quiet >= 2 {
@@ -111,8 +118,7 @@ impl Renderer {
             let mut stats = self.pager.stats();
             while stats.queued + stats.loading + stats.ready > 0 {
                 self.pager.wait_for_progress(LOAD_WAIT);
-                self.frame += 1;
-                self.pager.merge(u64::from(self.frame));
+                self.merge();
                 stats = self.pager.stats();
             }
             self.pager.wait_for_progress(LOAD_WAIT);
@@ -125,10 +131,10 @@ impl Renderer {
     /// device is about to say so.
     fn absorb_frame(&mut self) {
         let start = Instant::now();
-        self.absorb();
+        self.absorb(true);
         while self.in_flight.iter().any(|(frame, _)| *frame == self.frame) && start.elapsed() < LOAD_WAIT {
             std::thread::yield_now();
-            self.absorb();
+            self.absorb(true);
         }
     }
 

@@ -118,10 +118,15 @@ pub(super) fn scenes(settings: &Settings<'_>) -> Result<Vec<Scene>, CommandError
             .collect(),
         ..demo.clone()
     };
-    [("terrain", ""), ("foliage", "trees"), ("buildings", "buildings")]
-        .into_iter()
-        .map(|(name, part)| Scene::built_in(name, &only(part), settings.folder))
-        .collect()
+    // The foot of the crag, a wood beside it, the middle of the village.
+    [
+        ("terrain", "", DVec2::new(128.0, 140.0)),
+        ("foliage", "trees", DVec2::new(100.0, 180.0)),
+        ("buildings", "buildings", DVec2::new(170.0, 75.0)),
+    ]
+    .into_iter()
+    .map(|(name, part, over)| Scene::built_in(name, &only(part), settings.folder, over))
+    .collect()
 }
 
 /// Builds a database of demo files, or finds it built.
@@ -139,13 +144,12 @@ fn built(input: &DemoInput, out: &Path, change: impl Fn(&mut BuildArgs)) -> Resu
 }
 
 impl Scene {
-    fn built_in(name: &str, input: &DemoInput, folder: &Path) -> Result<Self, CommandError> {
+    fn built_in(name: &str, input: &DemoInput, folder: &Path, over: DVec2) -> Result<Self, CommandError> {
         let out = folder.join(format!("truth-{name}"));
         built(input, &out, |_| {})?;
         let inputs = Inputs::load(&input.meshes, &[input.layer()], input.up, None)?;
         let mut scene = Self::new(name.into(), out, inputs, Some(input.clone()))?;
-        // The village's middle; woods and fields lie around it.
-        scene.over = DVec2::new(128.0, 140.0);
+        scene.over = over;
         Ok(scene)
     }
 
