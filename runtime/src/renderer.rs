@@ -15,7 +15,7 @@ use brickfell_pager::{PageFault, PageKey, Pager, PagerConfig, PagerStats, Store}
 use brickfell_shaders::layout;
 
 use crate::bias::BiasController;
-use crate::caster::{Caster, Feedback, MAX_TREES};
+use crate::caster::{Caster, Feedback, MAX_TREES, REQUEST_CAPACITY};
 use crate::error::RuntimeError;
 use crate::gpu::Gpu;
 use crate::memory::{MAX_UPLOAD_BRICKS, PoolMemory, PoolSizes};
@@ -108,13 +108,24 @@ pub struct Renderer {
     list: NodeList,
     feedback: Feedback,
     pending: usize,
-    /// Trees of frames whose read-back is not here yet.
-    in_flight: Vec<(u32, Arc<[ActiveTree]>)>,
+    /// Frames whose read-back is not here yet.
+    in_flight: Vec<InFlight>,
+    /// One of so many tiles of pixels may ask in the next frame.
+    request_share: u32,
     /// Of the last feedback, to resolve again when more levels are in RAM.
     feedback_trees: Arc<[ActiveTree]>,
     tree_used: Vec<u64>,
     ms_per_brick: f64,
     faults: Vec<String>,
+}
+
+/// A frame that was submitted.
+#[derive(Debug)]
+struct InFlight {
+    frame: u32,
+    /// The trees that its requests name.
+    trees: Arc<[ActiveTree]>,
+    request_share: u32,
 }
 
 struct Prepared {
@@ -171,6 +182,7 @@ impl Renderer {
             feedback: Feedback::default(),
             pending: 0,
             in_flight: Vec::new(),
+            request_share: 1,
             feedback_trees: Arc::from([]),
             tree_used: vec![0; terrain.trees.len()],
             ms_per_brick: 0.01,
@@ -198,24 +210,27 @@ impl Renderer {
     /// Takes the read-backs that arrived: usage, counters, requests. With `settling`, so that the requests do not depend on
     /// which ray was first: without repetitions, and not at all if the list had no room for all of them.
     fn absorb(&mut self, settling: bool) {
-        for feedback in self.caster.collect(&self.gpu, &self.memory) {
+        for mut feedback in self.caster.collect(&self.gpu, &self.memory) {
             self.pool.touch(&feedback);
-            if let Some(k) = self
-                .in_flight
-                .iter()
-                .position(|(frame, _)| *frame == feedback.frame)
-            {
-                self.feedback_trees = self.in_flight.swap_remove(k).1;
+            let mut asked = feedback.request_count;
+            if settling && feedback.is_truncated() {
+                feedback.requests.clear();
+            } else if settling {
+                feedback.requests.sort_unstable();
+                feedback.requests.dedup();
+                asked = feedback.requests.len() as u32;
             }
-            self.in_flight.retain(|(frame, _)| *frame > feedback.frame);
+            if let Some(k) = self.in_flight.iter().position(|f| f.frame == feedback.frame) {
+                let InFlight {
+                    trees, request_share, ..
+                } = self.in_flight.swap_remove(k);
+                self.feedback_trees = trees;
+                // So that half of the list's room is taken.
+                let wanted = u64::from(request_share) * u64::from(asked);
+                self.request_share = wanted.div_ceil(u64::from(REQUEST_CAPACITY / 2)).max(1) as u32;
+            }
+            self.in_flight.retain(|f| f.frame > feedback.frame);
             self.feedback = feedback;
-            if settling {
-                let truncated = self.feedback.is_truncated();
-                let requests = &mut self.feedback.requests;
-                requests.retain(|_| !truncated);
-                requests.sort_unstable();
-                requests.dedup();
-            }
             self.submit_requests();
         }
     }
@@ -369,7 +384,11 @@ impl Renderer {
         self.gpu.queue.submit([encoder.finish()]);
         if let Some(entry) = entry {
             self.caster.submitted(entry);
-            self.in_flight.push((self.frame, active.into()));
+            self.in_flight.push(InFlight {
+                frame: self.frame,
+                trees: active.into(),
+                request_share: self.request_share,
+            });
         }
         report.submit_ms = ms(submit);
         report.cpu_ms = ms(start);
@@ -410,12 +429,8 @@ impl Renderer {
             texel: [texels[0], texels[1], texels[2], 0.0],
             brick_slots: sizes.bricks(),
             node_tiles: sizes.tiles,
-            request_capacity: crate::caster::REQUEST_CAPACITY,
-            request_share: self
-                .feedback
-                .request_count
-                .div_ceil(crate::caster::REQUEST_CAPACITY)
-                .max(1),
+            request_capacity: REQUEST_CAPACITY,
+            request_share: self.request_share,
             segment_shift,
             segment_samples,
             pad: [0; 2],

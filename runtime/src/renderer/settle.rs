@@ -61,6 +61,7 @@ impl Renderer {
             let (prepared, uploads) = self.prepare_all(camera, settings)?;
             total += uploads;
             let start = prepared.start;
+            let all_asked = self.request_share == 1;
             let mut report = self.draw(camera, settings, prepared, stride)?;
             self.gpu.wait()?;
             report.frame_ms = ms(start);
@@ -69,6 +70,7 @@ impl Renderer {
             // The next frame's list is made of this frame's requests: that it is calm, too, says that they were none, or
             // only of pages that were given up.
             let calm = uploads == Uploads::default()
+                && all_asked
                 && !self.feedback.is_truncated()
                 && report.pending == 0
                 && report.trees_waiting == 0
@@ -132,7 +134,7 @@ impl Renderer {
     fn absorb_frame(&mut self) {
         let start = Instant::now();
         self.absorb(true);
-        while self.in_flight.iter().any(|(frame, _)| *frame == self.frame) && start.elapsed() < LOAD_WAIT {
+        while self.in_flight.iter().any(|f| f.frame == self.frame) && start.elapsed() < LOAD_WAIT {
             std::thread::yield_now();
             self.absorb(true);
         }
