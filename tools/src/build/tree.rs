@@ -17,7 +17,7 @@ use brickfell_formats::value::BUILD_GAIN;
 use brickfell_formats::{morton, octree_binary};
 
 use super::error::BuildError;
-use super::filter;
+use super::filter::{Filter, Level, Target};
 use super::finest::{Met, Sources, triangle_cells, voxelise};
 use super::ground::{GroundGrid, Hints, Layer};
 use super::lattice::{Lattice, TreePlace};
@@ -40,6 +40,7 @@ pub(crate) struct Terrain<'a> {
     pub(crate) plan: &'a Plan,
     pub(crate) encoding: Encoding,
     pub(crate) chunk_log2: u8,
+    pub(crate) filter: Filter,
 }
 
 /// Builds a tree into `folder`; `None` if nothing is in it, and then there is no folder.
@@ -68,7 +69,7 @@ pub(crate) fn build_tree(
     };
     let triangles: Vec<u32> =
         column.map_or(Vec::new(), |c| c.triangles.iter().copied().filter(near).collect());
-    let (mut samples, met) = voxelise(&Sources {
+    let (samples, met) = voxelise(&Sources {
         lattice: *lattice,
         place,
         grids: &grids,
@@ -79,6 +80,7 @@ pub(crate) fn build_tree(
     if samples.is_empty_in(&lattice.own(place).blocks()) {
         return Ok(None);
     }
+    let mut samples = Level::finest(samples);
     let mut hints = Hints::finest(&grids, &support);
     drop(grids);
     let mut writer = FolderWriter::new(folder)?;
@@ -87,10 +89,17 @@ pub(crate) fn build_tree(
         if mip > 0 {
             let cells = lattice.support(place, mip);
             hints = hints.coarser(lattice.layout, &cells);
-            samples = filter::coarser(&samples, lattice.layout, &cells);
+            samples = samples.coarser(
+                terrain.filter,
+                &Target {
+                    layout: lattice.layout,
+                    mip,
+                    cells,
+                },
+            );
         }
         let level = lattice.depth - mip;
-        let texels = TexelLevel::new(&samples, &hints, lattice.stored(place, mip));
+        let texels = TexelLevel::new(&samples.samples, &hints, lattice.stored(place, mip));
         let nodes = level_nodes(lattice, place, level, &texels, &hints, levels.last());
         write_bricks(terrain, place, level, &texels, &nodes.bricks(), &mut writer)?;
         levels.push(nodes);

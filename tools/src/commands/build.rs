@@ -11,7 +11,9 @@ use indicatif::HumanCount;
 
 use super::CommandError;
 use super::database::{folder_bytes, print};
-use crate::build::{BuildArgs, BuildError, DEFAULT_TREE_VOXELS, HeightInput, IndicatifProgress, build};
+use crate::build::{
+    BuildArgs, BuildError, DEFAULT_TREE_VOXELS, Filter, HeightInput, IndicatifProgress, build,
+};
 use crate::input::{HeightUnit, UpAxis};
 
 /// Arguments of `build`.
@@ -47,6 +49,9 @@ pub struct Args {
     /// Where samples lie: in the centres of voxels or on their corners [default: the builder's, see docs/decisions.md]
     #[arg(long, value_enum)]
     pub layout: Option<Layout>,
+    /// How coarser levels are made of finer ones, as far as the opacity of open surfaces goes
+    #[arg(long, value_enum, default_value_t)]
+    pub filter: Filter,
 }
 
 /// An axis.
@@ -169,6 +174,7 @@ impl Args {
                 Layout::Centre => SampleLayout::Centre,
                 Layout::Corner => SampleLayout::Corner,
             }),
+            filter: self.filter,
             force: self.force,
             threads: self.threads,
             ..defaults
@@ -277,7 +283,7 @@ mod tests {
     #[test]
     fn arguments_reach_the_builder() {
         let args = parse(
-            "a.obj --out db --voxel -1 --tree 64 --up y --height-unit ft --force --threads 3 --layout corner",
+            "a.obj --out db --voxel -1 --tree 64 --up y --height-unit ft --force --threads 3 --layout corner --filter pow",
         );
         let args = args.unwrap().build_args();
         assert_eq!(
@@ -286,8 +292,8 @@ mod tests {
         );
         assert_eq!(args.height_unit, Some(HeightUnit::Feet));
         assert_eq!(
-            (args.layout, args.force, args.threads),
-            (SampleLayout::Corner, true, 3)
+            (args.layout, args.force, args.threads, args.filter),
+            (SampleLayout::Corner, true, 3, Filter::Pow)
         );
         let default = parse("a.obj --out db").unwrap().build_args();
         assert_eq!(default.layout, BuildArgs::new("db").layout);

@@ -1,5 +1,6 @@
 //! Tests of whole builds: what they share, and one module a topic.
 
+mod filters;
 mod folder;
 mod opacity;
 mod seams;
@@ -8,6 +9,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use clap::ValueEnum;
 use glam::{DVec2, DVec3, UVec3, Vec2};
 
 use brickfell_formats::octree::{NodeData, Octree};
@@ -95,9 +97,22 @@ pub(crate) fn build_into(
     tree: u32,
     layout: SampleLayout,
 ) -> BuildReport {
+    build_filtered(out, inputs, voxel, tree, layout, Filter::default())
+}
+
+/// Builds into a folder with a filter.
+pub(crate) fn build_filtered(
+    out: &Path,
+    inputs: &Inputs,
+    voxel: f64,
+    tree: u32,
+    layout: SampleLayout,
+    filter: Filter,
+) -> BuildReport {
     let args = BuildArgs {
         tree_voxels: tree,
         layout,
+        filter,
         ..BuildArgs::new(out)
     };
     let lattice = Lattice {
@@ -240,6 +255,14 @@ pub(crate) fn files(out: &Path) -> std::collections::BTreeMap<PathBuf, Vec<u8>> 
         }
     }
     found
+}
+
+/// Both layouts with every filter.
+pub(crate) fn layouts_and_filters() -> impl Iterator<Item = (SampleLayout, Filter)> {
+    let layouts = [SampleLayout::Centre, SampleLayout::Corner];
+    layouts
+        .into_iter()
+        .flat_map(|l| Filter::value_variants().iter().map(move |f| (l, *f)))
 }
 
 /// A number in 0..256 that looks random.

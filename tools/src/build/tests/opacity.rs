@@ -18,10 +18,10 @@ fn opacity_above(db: &Db, mip: u8, x: f64, y: f64, heights: std::ops::Range<i64>
     heights.map(|z| (2.0 * layer(z)).min(1.0)).fold(0.0, f64::max)
 }
 
-fn check(inputs: &Inputs, layout: SampleLayout, inside: impl Fn(f64, f64, f64) -> bool) {
+fn check(inputs: &Inputs, layout: SampleLayout, filter: Filter, inside: impl Fn(f64, f64, f64) -> bool) {
     let folder = tempfile::tempdir().unwrap();
     let (voxel, tree) = (0.25, 64);
-    build_into(folder.path(), inputs, voxel, tree, layout);
+    build_filtered(folder.path(), inputs, voxel, tree, layout, filter);
     let db = Db::read(
         folder.path(),
         Lattice {
@@ -40,7 +40,10 @@ fn check(inputs: &Inputs, layout: SampleLayout, inside: impl Fn(f64, f64, f64) -
             }
             lines += 1;
             let opacity = opacity_above(&db, mip, x / side, y / side, -40 >> mip..160 >> mip);
-            assert!(opacity > 0.99, "{layout:?} mip {mip} at {x} {y}: {opacity}");
+            assert!(
+                opacity > 0.99,
+                "{layout:?} {filter:?} mip {mip} at {x} {y}: {opacity}"
+            );
         }
         assert!(lines > 300);
     }
@@ -48,7 +51,7 @@ fn check(inputs: &Inputs, layout: SampleLayout, inside: impl Fn(f64, f64, f64) -
 
 #[test]
 fn hilly_ground_is_opaque_at_every_level() {
-    for layout in [SampleLayout::Centre, SampleLayout::Corner] {
+    for (layout, filter) in layouts_and_filters() {
         let height = |x: f64, y: f64| 20.0 + 3.0 * (x * 1.3).sin() + 2.0 * (y * 2.1 + x).cos();
         let ground = layer(80, 0.25, DVec2::ZERO, height);
         let within = |v: f64, side: f64| v > side && v < 20.0 - side;
@@ -58,6 +61,7 @@ fn hilly_ground_is_opaque_at_every_level() {
                 meshes: vec![],
             },
             layout,
+            filter,
             |x, y, s| within(x, s) && within(y, s),
         );
     }
@@ -65,7 +69,8 @@ fn hilly_ground_is_opaque_at_every_level() {
 
 #[test]
 fn an_open_sheet_is_opaque_at_every_level_whatever_its_tilt() {
-    for layout in [SampleLayout::Centre, SampleLayout::Corner] {
+    // The mean turns planes to glass, and its power only slows that down.
+    for (layout, filter) in layouts_and_filters().filter(|f| ![Filter::Mean, Filter::Pow].contains(&f.1)) {
         for (a, b) in [(0.0, 0.0), (0.1, 0.03), (0.45, -0.3), (1.0, 0.7)] {
             for lift in [0.0, 0.13] {
                 let (u, v) = (DVec3::new(20.0, 0.0, 20.0 * a), DVec3::new(0.0, 20.0, 20.0 * b));
@@ -75,7 +80,7 @@ fn an_open_sheet_is_opaque_at_every_level_whatever_its_tilt() {
                     layers: vec![],
                     meshes: vec![mesh],
                 };
-                check(&inputs, layout, |x, y, s| within(x, s) && within(y, s));
+                check(&inputs, layout, filter, |x, y, s| within(x, s) && within(y, s));
             }
         }
     }
@@ -83,7 +88,7 @@ fn an_open_sheet_is_opaque_at_every_level_whatever_its_tilt() {
 
 #[test]
 fn coarse_ground_has_the_mean_colour_of_its_surface() {
-    for layout in [SampleLayout::Centre, SampleLayout::Corner] {
+    for (layout, filter) in layouts_and_filters() {
         let flat = layer(64, 0.5, DVec2::ZERO, |_, _| 3.3);
         let checks = painted(flat, |c, r| {
             if (c + r) % 2 == 0 {
@@ -97,7 +102,7 @@ fn coarse_ground_has_the_mean_colour_of_its_surface() {
             layers: vec![checks],
             meshes: vec![],
         };
-        let report = build_into(folder.path(), &inputs, 0.5, 64, layout);
+        let report = build_filtered(folder.path(), &inputs, 0.5, 64, layout, filter);
         let db = Db::read(
             folder.path(),
             Lattice {

@@ -1,6 +1,6 @@
 //! Borders, constants and the cut into trees.
 
-use super::super::filter;
+use super::super::filter::{Level, Target};
 use super::super::finest::{Sources, voxelise};
 use super::super::ground::{GroundGrid, Hints};
 use super::super::lattice::TreePlace;
@@ -10,9 +10,9 @@ use super::*;
 
 const VOXEL: f64 = 0.225;
 
-fn db(inputs: &Inputs, tree: u32, layout: SampleLayout) -> Db {
+fn db(inputs: &Inputs, tree: u32, layout: SampleLayout, filter: Filter) -> Db {
     let folder = tempfile::tempdir().unwrap();
-    build_into(folder.path(), inputs, VOXEL, tree, layout);
+    build_filtered(folder.path(), inputs, VOXEL, tree, layout, filter);
     Db::read(
         folder.path(),
         Lattice {
@@ -25,11 +25,11 @@ fn db(inputs: &Inputs, tree: u32, layout: SampleLayout) -> Db {
 
 #[test]
 fn large_and_small_trees_store_the_same_samples() {
-    for layout in [SampleLayout::Centre, SampleLayout::Corner] {
+    for (layout, filter) in layouts_and_filters() {
         // All of it in one large tree, and in 2×2 columns of small ones.
         let inputs = hills(DVec2::splat(5.0));
-        let large = db(&inputs, 128, layout);
-        let small = db(&inputs, 64, layout);
+        let large = db(&inputs, 128, layout, filter);
+        let small = db(&inputs, 64, layout, filter);
         assert_eq!((large.trees, small.trees), (1, 6));
         assert_eq!(large.surface_voxels, small.surface_voxels);
         // Solid goes down by root voxels, which are not the same; compare above.
@@ -48,7 +48,10 @@ fn large_and_small_trees_store_the_same_samples() {
                 // In the corner layout a sample on the outermost faces may belong to a tree that is not there.
                 if layout == SampleLayout::Centre || values.iter().all(Option::is_some) {
                     let [a, b] = values.map(Option::unwrap_or_default);
-                    assert!(same(a, b), "{layout:?} mip {mip} {cell:?}: {a:?} {b:?}");
+                    assert!(
+                        same(a, b),
+                        "{layout:?} {filter:?} mip {mip} {cell:?}: {a:?} {b:?}"
+                    );
                 }
                 compared[usize::from(mip)] += usize::from(values.iter().flatten().any(|v| v.0[3] > 0));
             }
@@ -59,18 +62,18 @@ fn large_and_small_trees_store_the_same_samples() {
 
 #[test]
 fn neighbouring_trees_agree_about_the_samples_that_both_store() {
-    for layout in [SampleLayout::Centre, SampleLayout::Corner] {
+    for (layout, filter) in layouts_and_filters() {
         // Reading compares them, at all levels up to the root.
-        let db = db(&hills(DVec2::ZERO), 128, layout);
+        let db = db(&hills(DVec2::ZERO), 128, layout, filter);
         assert_eq!((db.trees, db.lattice.depth), (4, 4));
     }
 }
 
 #[test]
 fn constants_expand_to_what_bricks_would_store() {
-    for layout in [SampleLayout::Centre, SampleLayout::Corner] {
+    for (layout, filter) in layouts_and_filters() {
         let inputs = hills(DVec2::ZERO);
-        let db = db(&inputs, 64, layout);
+        let db = db(&inputs, 64, layout, filter);
         assert!(db.constants > 10);
         let lattice = db.lattice;
         let surfaces = Surfaces::new(&inputs.meshes, lattice);
@@ -83,7 +86,7 @@ fn constants_expand_to_what_bricks_would_store() {
                 .iter()
                 .filter_map(|l| GroundGrid::new(l, &lattice, &support))
                 .collect();
-            let (mut samples, _) = voxelise(&Sources {
+            let (samples, _) = voxelise(&Sources {
                 lattice,
                 place: TreePlace { origin: place.origin },
                 grids: &grids,
@@ -91,15 +94,16 @@ fn constants_expand_to_what_bricks_would_store() {
                 surfaces: &surfaces,
                 triangles: &triangles,
             });
+            let mut samples = Level::finest(samples);
             let mut hints = Hints::finest(&grids, &support);
             for mip in 0..=lattice.depth {
                 if mip > 0 {
                     let cells = lattice.support(*place, mip);
                     hints = hints.coarser(layout, &cells);
-                    samples = filter::coarser(&samples, layout, &cells);
+                    samples = samples.coarser(filter, &Target { layout, mip, cells });
                 }
                 let area = lattice.stored(*place, mip);
-                let texels = TexelLevel::new(&samples, &hints, area);
+                let texels = TexelLevel::new(&samples.samples, &hints, area);
                 let (mut cube, side) = (Vec::new(), area.hi[0] - area.lo[0]);
                 texels.gather(area.lo, side, &mut cube);
                 for (k, t) in cube.iter().enumerate() {
@@ -123,7 +127,7 @@ fn constants_expand_to_what_bricks_would_store() {
 #[test]
 fn cells_without_heights_are_empty_all_the_way_down() {
     let inputs = hills(DVec2::ZERO);
-    let db = db(&inputs, 64, SampleLayout::Centre);
+    let db = db(&inputs, 64, SampleLayout::Centre, Filter::default());
     let cell = |v: f64| (v / VOXEL).floor() as i64;
     let column =
         |x: f64, y: f64| -> Vec<u8> { (-40..40).map(|z| db.at(0, [cell(x), cell(y), z]).0[3]).collect() };

@@ -1,0 +1,139 @@
+//! How a coarser level is made of a finer one: the filters, and what each keeps of a level beside what is stored.
+//!
+//! All of them agree about solid (its mean), and about colour and normal (means weighted by the part that surfaces meet); they
+//! differ in the opacity of skins. What a filter gives a sample depends on its place, its level and the finer samples
+//! around it only, so trees agree at borders with every filter. `docs/decisions.md` §3 compares them.
+
+mod coverage;
+mod step;
+
+use brickfell_formats::layout::SampleLayout;
+
+use self::coverage::{Cover, Coverage};
+use self::step::{Parts, Rule, coarser};
+use super::blocks::Blocks;
+use super::lattice::CellBox;
+use super::sample::{SKIN_MAX, Sample};
+
+/// How the opacity of open surfaces goes up a level.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Filter {
+    /// The mean of the parts' opacities
+    Mean,
+    /// Their mean to the power of one minus the mean, taken of the level two below (Pecoraro 2015)
+    Pow,
+    /// Twice the mean, at most opaque
+    #[default]
+    Double,
+    /// The covered part of the cross-section, the largest of the three axes'
+    Coverage,
+}
+
+impl Filter {
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mean => "mean",
+            Self::Pow => "pow",
+            Self::Double => "double",
+            Self::Coverage => "coverage",
+        }
+    }
+}
+
+/// The samples of one level under construction, and what its filter keeps beside them.
+#[derive(Debug)]
+pub(crate) struct Level {
+    pub(crate) samples: Blocks<Sample>,
+    kept: Kept,
+}
+
+/// What is kept of a level, in blocks as its samples are. Nothing is kept of the finest: it follows from the samples.
+#[derive(Debug)]
+enum Kept {
+    Nothing,
+    Means(Blocks<f32>),
+    Covers(Blocks<Cover>),
+}
+
+/// A level to be made: where, and from what.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Target {
+    pub(crate) layout: SampleLayout,
+    /// The coarser level: its voxel is 2 to this power finest voxels.
+    pub(crate) mip: u8,
+    /// Its extent, in its own cells. Those of which the finer level lacks a part are meaningless.
+    pub(crate) cells: CellBox,
+}
+
+impl Level {
+    pub(crate) fn finest(samples: Blocks<Sample>) -> Self {
+        Self {
+            samples,
+            kept: Kept::Nothing,
+        }
+    }
+
+    /// The next coarser level.
+    pub(crate) fn coarser(&self, filter: Filter, target: &Target) -> Self {
+        let plain = |(samples, _)| (samples, Kept::Nothing);
+        let (samples, kept) = match (filter, &self.kept) {
+            (Filter::Mean, _) => plain(coarser(&Mean, &self.samples, None, target)),
+            (Filter::Double, _) => plain(coarser(&Double, &self.samples, None, target)),
+            (Filter::Pow, kept) => {
+                let means = if let Kept::Means(m) = kept { Some(m) } else { None };
+                let (samples, means) = coarser(&Pow, &self.samples, means, target);
+                (samples, Kept::Means(means))
+            }
+            (Filter::Coverage, kept) => {
+                let covers = if let Kept::Covers(c) = kept { Some(c) } else { None };
+                let (samples, covers) = coarser(&Coverage, &self.samples, covers, target);
+                (samples, Kept::Covers(covers))
+            }
+        };
+        Self { samples, kept }
+    }
+}
+
+struct Mean;
+
+impl Rule for Mean {
+    type Kept = ();
+
+    fn finest(&self, _: &Sample, _: [i64; 3]) {}
+
+    fn up(&self, mean: f32, _: &Parts<()>) -> (f32, ()) {
+        (mean, ())
+    }
+}
+
+/// A plane through a voxel meets half of its eight parts and stays what it is, a line a quarter and halves, a speck an
+/// eighth and quarters: so do their cross-sections.
+struct Double;
+
+impl Rule for Double {
+    type Kept = ();
+
+    fn finest(&self, _: &Sample, _: [i64; 3]) {}
+
+    fn up(&self, mean: f32, _: &Parts<()>) -> (f32, ()) {
+        ((2.0 * mean).min(SKIN_MAX), ())
+    }
+}
+
+/// Pecoraro 2015: stored alphas, 1 the most; of 4×4×4 samples two levels below, of 2×2×2 where there is but one. A level
+/// keeps the mean of its parts' alphas, since the mean of those means is the mean over 4×4×4.
+struct Pow;
+
+impl Rule for Pow {
+    type Kept = f32;
+
+    fn finest(&self, sample: &Sample, _: [i64; 3]) -> f32 {
+        sample.skin() / SKIN_MAX
+    }
+
+    fn up(&self, mean: f32, parts: &Parts<f32>) -> (f32, f32) {
+        let below = parts.mean();
+        (SKIN_MAX * below.powf(1.0 - below), mean / SKIN_MAX)
+    }
+}
