@@ -320,7 +320,10 @@ impl<'t, 'r> Walk<'t, 'r> {
     fn layer(&self, value: &Value, level: u8, end: f64) -> Layer {
         let header = &self.tree.header;
         let voxels = (end - self.z) * self.ray.length / header.level_voxel_size(level);
-        self.ray.shading.layer(value, f64::from(header.gain), voxels)
+        let direction = self.ray.direction / self.ray.length;
+        self.ray
+            .shading
+            .layer(value, f64::from(header.gain), voxels, direction)
     }
 
     /// What a segment from here to `end` adds, by the values in its middle; `pair` is the node's weight and its parent.

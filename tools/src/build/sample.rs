@@ -83,11 +83,21 @@ impl Sample {
         self.solid == SOLID && self.skin == 0 && self.weight == 0.0
     }
 
+    /// What is stored of its opacity if that against each axis is told apart.
+    pub(crate) fn opacities(&self, skins: [f32; 3]) -> [u8; 3] {
+        skins.map(|skin| (self.alpha(code(skin.min(SKIN_MAX), SKIN_ONE)) * 255.0 + 0.5) as u8)
+    }
+
+    /// The alpha to be stored with a skin.
+    fn alpha(&self, skin: u16) -> f32 {
+        let skin = f32::from(skin) * (127.5 / SKIN_ONE);
+        let solid = f32::from(self.solid) * (f32::from(SOLID_ALPHA) / f32::from(SOLID));
+        ((skin + solid) / 255.0).min(1.0)
+    }
+
     /// What is stored. `hint` is for solid that no surface gives colour and normal.
     pub(crate) fn texel(&self, hint: Hint) -> Texel {
-        let skin = f32::from(self.skin) * (127.5 / SKIN_ONE);
-        let solid = f32::from(self.solid) * (f32::from(SOLID_ALPHA) / f32::from(SOLID));
-        let alpha = ((skin + solid) / 255.0).min(1.0);
+        let alpha = self.alpha(self.skin);
         let (rgb, normal) = if self.weight > 0.0 {
             (
                 self.rgb.map(|c| f32::from(c) / 65535.0),

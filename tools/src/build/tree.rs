@@ -99,7 +99,12 @@ pub(crate) fn build_tree(
             );
         }
         let level = lattice.depth - mip;
-        let texels = TexelLevel::new(&samples.samples, &hints, lattice.stored(place, mip));
+        let texels = TexelLevel::new(
+            &samples.samples,
+            samples.axes(terrain.filter),
+            &hints,
+            lattice.stored(place, mip),
+        );
         let nodes = level_nodes(lattice, place, level, &texels, &hints, levels.last());
         write_bricks(terrain, place, level, &texels, &nodes.bricks(), &mut writer)?;
         levels.push(nodes);
@@ -160,8 +165,9 @@ fn write_bricks(
             layout: lattice.layout,
             color: Vec::with_capacity(samples),
             normal: Vec::with_capacity(samples),
+            opacity: Vec::new(),
         };
-        let mut cube = Vec::new();
+        let (mut cube, mut opacities) = (Vec::new(), Vec::new());
         for brick in *bricks {
             chunk.mask |= 1 << morton::encode(*brick & within);
             let (base, side) = node_cube(lattice, place, level, *brick);
@@ -170,13 +176,19 @@ fn write_bricks(
             chunk
                 .normal
                 .extend(cube.iter().map(|t| [t.normal[0], t.normal[1], t.normal[2], 0]));
+            if texels.gather_opacities(base, side, &mut opacities) {
+                chunk
+                    .opacity
+                    .extend(opacities.iter().map(|[x, y, z]| [*x, *y, *z, 0]));
+            }
         }
         let payload = chunk
             .encode(terrain.encoding)
             .map_err(BuildError::format(&path))?;
         Ok((chunk.mask, payload))
     };
-    let mut index = BrickFileWriter::new(level, lattice.layout, terrain.chunk_log2, terrain.encoding);
+    let mut index = BrickFileWriter::new(level, lattice.layout, terrain.chunk_log2, terrain.encoding)
+        .with_layers(texels.layers());
     writer.try_file(&name, |file| {
         let io = |e| BuildError::io(&path)(e);
         file.write_all(&[0; HEADER_BYTES]).map_err(io)?;

@@ -15,6 +15,13 @@ use crate::build::sample::{SKIN_MAX, Sample};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Cover(pub(super) [u64; 3]);
 
+impl Cover {
+    /// The skins of the masks.
+    pub(super) fn skins(&self) -> [f32; 3] {
+        self.0.map(mask_skin)
+    }
+}
+
 /// Bits of a mask.
 const BITS: usize = 64;
 
@@ -166,7 +173,7 @@ impl Rule for Coverage {
             let place = [parts.cell[i], parts.cell[j]];
             halve(rows, i64::from(parts.mip) << 2 | axis as i64, place)
         }));
-        let skin = cover.0.map(mask_skin);
-        (skin[0].max(skin[1]).max(skin[2]), cover)
+        let [x, y, z] = cover.skins();
+        (x.max(y).max(z), cover)
     }
 }

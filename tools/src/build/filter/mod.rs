@@ -11,7 +11,7 @@ use brickfell_formats::layout::SampleLayout;
 
 use self::coverage::{Cover, Coverage};
 use self::step::{Parts, Rule, coarser};
-use super::blocks::Blocks;
+use super::blocks::{Block, Blocks};
 use super::lattice::CellBox;
 use super::sample::{SKIN_MAX, Sample};
 
@@ -27,6 +27,8 @@ pub enum Filter {
     Double,
     /// The covered part of the cross-section, the largest of the three axes'
     Coverage,
+    /// The covered part of the cross-section, for each axis; inner bricks take half as much again
+    Axes,
 }
 
 impl Filter {
@@ -37,6 +39,7 @@ impl Filter {
             Self::Pow => "pow",
             Self::Double => "double",
             Self::Coverage => "coverage",
+            Self::Axes => "axes",
         }
     }
 }
@@ -85,13 +88,36 @@ impl Level {
                 let (samples, means) = coarser(&Pow, &self.samples, means, target);
                 (samples, Kept::Means(means))
             }
-            (Filter::Coverage, kept) => {
+            (Filter::Coverage | Filter::Axes, kept) => {
                 let covers = if let Kept::Covers(c) = kept { Some(c) } else { None };
                 let (samples, covers) = coarser(&Coverage, &self.samples, covers, target);
                 (samples, Kept::Covers(covers))
             }
         };
         Self { samples, kept }
+    }
+
+    /// Skins against the three axes, where a filter tells them apart; that is not at the finest level.
+    pub(crate) fn axes(&self, filter: Filter) -> Option<AxisSkins<'_>> {
+        match (filter, &self.kept) {
+            (Filter::Axes, Kept::Covers(covers)) => Some(AxisSkins(covers)),
+            _ => None,
+        }
+    }
+}
+
+/// Skins of a level against the three axes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AxisSkins<'a>(&'a Blocks<Cover>);
+
+impl AxisSkins<'_> {
+    /// Those of a block, at an index in it.
+    pub(crate) fn block(&self, [x, y, z]: [i64; 3]) -> impl Fn(usize) -> [f32; 3] {
+        let block = self.0.column(x, y).get(z);
+        move |place| match &block {
+            Block::Dense(covers) => covers[place].skins(),
+            _ => [0.0; 3],
+        }
     }
 }
 

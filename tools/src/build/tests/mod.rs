@@ -24,8 +24,8 @@ use super::*;
 use crate::input::georef::Placement;
 use crate::input::{GeoTransform, Georef, HeightMap, Imagery, Material, Raster, Texture, Triangle};
 
-/// A stored sample: colour and normal.
-pub(crate) type Value = ([u8; 4], [i8; 3]);
+/// A stored sample: colour, normal, and opacities against the axes (the alpha where they are not told apart).
+pub(crate) type Value = ([u8; 4], [i8; 3], [u8; 3]);
 
 /// A height map of n × n pixels of a size with its low corner at a point; `height` is asked at pixel centres (metres).
 pub(crate) fn layer(n: u32, pixel: f64, corner: DVec2, height: impl Fn(f64, f64) -> f64) -> Layer {
@@ -181,7 +181,13 @@ impl Db {
                         let payload = &file[entry.offset as usize..][..entry.length as usize];
                         let chunk = index.decode_chunk(chunk, payload).unwrap();
                         let (color, normal) = (chunk.brick_color(k as usize), chunk.brick_normal(k as usize));
-                        let values = color.iter().zip(normal).map(|(c, n)| (*c, [n[0], n[1], n[2]]));
+                        let opacity = chunk.brick_opacity(k as usize);
+                        let values = (0..color.len()).map(|i| {
+                            let ([.., a], [nx, ny, nz, _]) = (color[i], normal[i]);
+                            let axes = opacity.map_or([a; 3], |o| [o[i][0], o[i][1], o[i][2]]);
+                            assert_eq!(axes.iter().max(), Some(&a));
+                            (color[i], [nx, ny, nz], axes)
+                        });
                         self.put(place, level, p, values.collect());
                     }
                     NodeData::Constant(color) => {
@@ -195,7 +201,7 @@ impl Db {
                             for k in 0..n * n * n {
                                 let child = p * n + UVec3::new(k % n, k / n % n, k / n / n);
                                 let samples = self.lattice.layout.samples();
-                                self.put(place, finer, child, vec![(color, [0; 3]); samples]);
+                                self.put(place, finer, child, vec![(color, [0; 3], [color[3]; 3]); samples]);
                             }
                         }
                     }

@@ -154,7 +154,7 @@ fn a_dark_hint_under_bright_ground_does_not_show() {
             layout: SampleLayout::Centre,
         },
     );
-    for ((mip, cell), (color, _)) in &db.samples {
+    for ((mip, cell), (color, ..)) in &db.samples {
         let [r, g, b, a] = decode_color(*color);
         assert!(
             a == 0.0 || (r / a > 0.97 || a < 0.02) && g == 0.0 && b == 0.0,

@@ -103,10 +103,13 @@ fn constants_expand_to_what_bricks_would_store() {
                     samples = samples.coarser(filter, &Target { layout, mip, cells });
                 }
                 let area = lattice.stored(*place, mip);
-                let texels = TexelLevel::new(&samples.samples, &hints, area);
+                let texels = TexelLevel::new(&samples.samples, samples.axes(filter), &hints, area);
                 let (mut cube, side) = (Vec::new(), area.hi[0] - area.lo[0]);
                 texels.gather(area.lo, side, &mut cube);
+                let mut opacities = Vec::new();
+                texels.gather_opacities(area.lo, side, &mut opacities);
                 for (k, t) in cube.iter().enumerate() {
+                    let axes = opacities.get(k).copied().unwrap_or([t.color[3]; 3]);
                     let k = k as i64;
                     let cell = [
                         area.lo[0] + k % side,
@@ -115,7 +118,7 @@ fn constants_expand_to_what_bricks_would_store() {
                     ];
                     let stored = db.at(mip, cell);
                     assert!(
-                        same(stored, (t.color, t.normal)),
+                        same(stored, (t.color, t.normal, axes)),
                         "mip {mip} {cell:?}: {stored:?} {t:?}"
                     );
                 }
