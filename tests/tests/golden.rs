@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
+use brickfell::build::Filter;
 use brickfell::holes::count_holes;
 use brickfell_culler::Camera;
 use brickfell_formats::layout::SampleLayout;
@@ -86,6 +87,40 @@ fn the_gpu_agrees_with_the_reference_in_every_setting() {
                 for (name, camera) in &cameras[..2] {
                     let what = format!("{layout:?}, {setting}, {name}");
                     world.check(&what, &mut renderer, camera, &render, BOUND);
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn the_gpu_agrees_with_the_reference_about_opacities_against_axes() {
+    let name = "the_gpu_agrees_with_the_reference_about_opacities_against_axes";
+    exactly(name, || {
+        let default = RenderSettings::default();
+        let coarse = RenderSettings { bias: 2.0, ..default };
+        for layout in [SampleLayout::Corner, SampleLayout::Centre] {
+            let (world, isotropic, cameras) = {
+                let mut demo = demo();
+                let isotropic = demo.filtered_world(TREE, layout, Filter::Coverage);
+                (
+                    demo.filtered_world(TREE, layout, Filter::Axes),
+                    isotropic,
+                    cameras(&demo),
+                )
+            };
+            let (mut renderer, mut other) = (world.renderer(), isotropic.renderer());
+            for (name, camera) in cameras {
+                for (setting, render) in [("default", default), ("coarse", coarse)] {
+                    let what = format!("{layout:?}, {setting}, {name}");
+                    let picture = world.check(&what, &mut renderer, &camera, &render, BOUND);
+                    assert!(covered(&picture) > 320 * 240 / 5, "{what} shows little");
+                    // The layer is read: without it pictures would be those of the largest opacity.
+                    let other = isotropic.check(&what, &mut other, &camera, &render, BOUND);
+                    assert!(
+                        picture.pixels != other.pixels,
+                        "{what}: nothing depends on the direction"
+                    );
                 }
             }
         }

@@ -9,3 +9,4 @@ pub mod input;
 mod noise;
 pub mod picture_file;
 pub mod report;
+pub mod truth;

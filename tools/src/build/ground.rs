@@ -3,20 +3,13 @@
 //! The surface of a column is the fan of four triangles between the heights at its corners, which neighbouring columns
 //! share, and at its centre. Heights are in cell coordinates of the whole lattice.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::lattice::{CellBox, Lattice};
-use crate::input::{HeightMap, Imagery, ramp_color};
+use crate::input::Layer;
 
 use brickfell_formats::layout::SampleLayout;
-
-/// A height map and the picture laid over it.
-#[derive(Debug)]
-pub(crate) struct Layer {
-    pub(crate) map: HeightMap,
-    pub(crate) imagery: Option<Imagery>,
-}
 
 /// One layer over the columns of a rectangle of cells.
 #[derive(Debug)]
@@ -106,21 +99,6 @@ impl Layer {
             .reduce(|| none, merge);
         range.2.then_some((range.0, range.1))
     }
-
-    fn color(&self, lattice: &Lattice, x: i64, y: i64, height: f64, up: f32) -> [f32; 3] {
-        let (x, y) = (x as f64, y as f64);
-        let [x0, x1, y0, y1] = [x, x + 1.0, y, y + 1.0].map(|v| lattice.world_of(v));
-        let picture = self
-            .imagery
-            .as_ref()
-            .and_then(|i| i.color_at_area(x0, y0, x1, y1));
-        let [r, g, b, a] = picture.filter(|c| c[3] > 0.0).unwrap_or_else(|| {
-            let (min, max) = self.map.min_max();
-            let above = (lattice.world_of(height) as f32 - min) / (max - min).max(f32::MIN_POSITIVE);
-            ramp_color(above, up)
-        });
-        [r / a, g / a, b / a]
-    }
 }
 
 impl GroundGrid {
@@ -156,7 +134,13 @@ impl GroundGrid {
             let [a, b, c, d] = grid.corner_heights(i, j, centre);
             let slope = [(b + d - a - c) * 0.5, (c + d - a - b) * 0.5];
             let normal = DVec3::new(-slope[0], -slope[1], 1.0).normalize().as_vec3();
-            let rgb = layer.color(lattice, x, y, centre, normal.z);
+            let world = |x: i64, y: i64| DVec2::new(x as f64, y as f64).map(|v| lattice.world_of(v));
+            let rgb = layer.color(
+                world(x, y),
+                world(x + 1, y + 1),
+                lattice.world_of(centre),
+                normal.z,
+            );
             Column {
                 centre,
                 rgb,

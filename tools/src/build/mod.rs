@@ -48,8 +48,8 @@ pub use error::BuildError;
 pub use filter::Filter;
 pub use progress::{IndicatifProgress, Progress, Silent};
 
-use crate::input::{HeightOptions, HeightUnit, Mesh, UpAxis, load_layer};
-use ground::Layer;
+pub use crate::input::HeightInput;
+use crate::input::{HeightUnit, Inputs, Mesh, UpAxis};
 use lattice::Lattice;
 use manifest::{Arguments, EMPTY_TREES, Manifest, SCENE, TREES};
 use scene::SceneTree;
@@ -62,15 +62,6 @@ pub const DEFAULT_LAYOUT: SampleLayout = SampleLayout::Centre;
 pub const DEFAULT_TREE_VOXELS: u32 = 512;
 /// Voxels across the longest side of a terrain without height maps, unless told.
 const DEFAULT_RESOLUTION: f64 = 1024.0;
-
-/// A height map, with the picture that lies over it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct HeightInput {
-    /// The height map.
-    pub path: PathBuf,
-    /// The picture; without one, ground is coloured by height and slope.
-    pub imagery: Option<PathBuf>,
-}
 
 /// What to build.
 #[derive(Clone, Debug)]
@@ -151,7 +142,7 @@ pub fn build(args: &BuildArgs, progress: &dyn Progress) -> Result<BuildReport, B
         .build()
         .map_err(|e| BuildError::Threads(e.to_string()))?;
     pool.install(|| {
-        let inputs = Inputs::load(args)?;
+        let inputs = Inputs::load(&args.inputs, &args.heights, args.up, args.height_unit)?;
         let voxel = args.voxel.unwrap_or_else(|| inputs.default_voxel());
         if !(1e-9..=1e9).contains(&voxel) {
             return Err(BuildError::Voxel(voxel));
@@ -186,31 +177,7 @@ fn check(args: &BuildArgs) -> Result<u8, BuildError> {
     Ok((n / BRICK_VOXELS).ilog2() as u8)
 }
 
-/// Everything read, before anything is written.
-struct Inputs {
-    layers: Vec<Layer>,
-    meshes: Vec<Mesh>,
-}
-
 impl Inputs {
-    fn load(args: &BuildArgs) -> Result<Self, BuildError> {
-        let options = HeightOptions {
-            height_unit: args.height_unit,
-            ..HeightOptions::default()
-        };
-        let layers = args.heights.iter().map(|h| {
-            let (map, imagery) = load_layer(&h.path, h.imagery.as_deref(), options)?;
-            Ok(Layer { map, imagery })
-        });
-        let layers = layers.collect::<Result<_, BuildError>>()?;
-        let meshes = args
-            .inputs
-            .iter()
-            .map(|path| Mesh::load(path, args.up))
-            .collect::<Result<_, _>>()?;
-        Ok(Self { layers, meshes })
-    }
-
     fn default_voxel(&self) -> f64 {
         let pixels = self.layers.iter().map(|l| l.map.pixel_size().min_element());
         pixels.reduce(f64::min).unwrap_or_else(|| {
@@ -242,7 +209,7 @@ impl Inputs {
             voxel: lattice.voxel,
             ..BuildReport::default()
         };
-        report.warnings = self.meshes.iter().flat_map(|m| m.warnings.clone()).collect();
+        report.warnings = self.warnings();
         let mut empty = EmptyTrees::load(&args.out);
         let folder = |place| args.out.join(TREES).join(lattice.tree_name(place));
         let finished = |name: &str, folder: &Path| empty.names.contains(name) || folder.is_dir();

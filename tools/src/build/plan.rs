@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::error::BuildError;
-use super::ground::Layer;
 use super::lattice::{Lattice, TreePlace};
 use super::surface::Surfaces;
+use crate::input::Layer;
 
 /// Farthest cell from the origin of the lattice.
 const MAX_CELL: f64 = (1u64 << 40) as f64;

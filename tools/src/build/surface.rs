@@ -1,13 +1,11 @@
 //! Triangles of all meshes on the lattice, and what they look like at a cell.
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 
 use super::lattice::Lattice;
 use super::overlap::closest_point;
 use crate::input::{Material, Mesh, Triangle};
 
-/// Opacity below which a texel shows nothing: half a step of the stored alpha.
-const CLEAR: f32 = 0.5 / 255.0;
 /// Skin of opaque surfaces: over-saturated, so that interpolation does not see through.
 const OPAQUE_SKIN: f32 = 2.0;
 
@@ -109,43 +107,17 @@ impl Shader<'_> {
     pub(crate) fn facet(&self, cell: [i64; 3]) -> Option<Facet> {
         let middle = DVec3::from_array(cell.map(|c| c as f64)) - self.base + 0.5;
         let w = closest_point(&self.local, middle).map(|w| w as f32);
-        let [mut r, mut g, mut b, mut alpha] = self.material.color;
-        if let Some(texture) = &self.material.texture {
-            let uv = (0..3).fold(Vec2::ZERO, |uv, k| uv + self.triangle.uv[k] * w[k]);
-            let [tr, tg, tb, ta] = texture.sample(uv, self.texels);
-            (r, g, b, alpha) = (r * tr, g * tg, b * tb, alpha * ta);
-        }
-        let skin = if self.material.cutout { alpha } else { OPAQUE_SKIN };
-        if alpha <= CLEAR {
-            return None;
-        }
-        if !self.mesh.colors.is_empty() {
-            let mut c = [0.0f32; 3];
-            for (v, w) in self.triangle.v.iter().zip(w) {
-                let color = self.mesh.colors.get(*v as usize).copied().unwrap_or([1.0; 3]);
-                (0..3).for_each(|k| c[k] += color[k] * w);
-            }
-            (r, g, b) = (r * c[0], g * c[1], b * c[2]);
-        }
-        let smooth = self.triangle.n.map(|n| {
-            n.iter().zip(w).fold(Vec3::ZERO, |sum, (n, w)| {
-                sum + self
-                    .mesh
-                    .normals
-                    .get(*n as usize)
-                    .map_or(Vec3::ZERO, |n| n.normalize_or_zero())
-                    * w
-            })
-        });
-        let normal = smooth
-            .map(Vec3::normalize_or_zero)
-            .filter(|n| *n != Vec3::ZERO)
-            .unwrap_or(self.face);
+        let look = self.mesh.look(self.triangle, w, self.face, self.texels)?;
+        let skin = if self.material.cutout {
+            look.alpha
+        } else {
+            OPAQUE_SKIN
+        };
         Some(Facet {
             skin,
-            alpha,
-            rgb: [r, g, b],
-            normal: normal.to_array(),
+            alpha: look.alpha,
+            rgb: look.rgb,
+            normal: look.normal.to_array(),
         })
     }
 }

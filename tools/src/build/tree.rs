@@ -19,13 +19,14 @@ use brickfell_formats::{morton, octree_binary};
 use super::error::BuildError;
 use super::filter::{Filter, Level, Target};
 use super::finest::{Met, Sources, triangle_cells, voxelise};
-use super::ground::{GroundGrid, Hints, Layer};
+use super::ground::{GroundGrid, Hints};
 use super::lattice::{Lattice, TreePlace};
 use super::manifest::{PARTIAL, remove_tree};
 use super::nodes::{LevelNodes, State, level_nodes, node_cube, octree};
 use super::plan::Plan;
 use super::surface::Surfaces;
 use super::texels::TexelLevel;
+use crate::input::Layer;
 
 /// Name of the octree file in a tree's folder.
 pub(crate) const TREE_FILE: &str = "tree.oct";

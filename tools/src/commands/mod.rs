@@ -10,6 +10,7 @@ mod database;
 pub mod demo;
 pub mod fly;
 pub mod info;
+pub mod input_args;
 pub mod render;
 pub mod view_args;
 

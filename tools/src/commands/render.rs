@@ -6,12 +6,18 @@ use std::process::ExitCode;
 use brickfell_runtime::picture::Picture;
 use brickfell_runtime::reference::Reference;
 use brickfell_runtime::renderer::Renderer;
+use brickfell_runtime::terrain::read_header;
 use clap::Args as ClapArgs;
 use glam::DVec3;
 
+use super::input_args::InputArgs;
 use super::view_args::{ViewArgs, parse_point};
 use super::{CommandError, open_gpu, open_terrain};
 use crate::picture_file::over_sky;
+use crate::truth::{Bottom, Truth};
+
+/// Most rays per pixel.
+const MAX_RAYS: i64 = 1 << 16;
 
 /// Arguments of `brickfell render`.
 #[derive(ClapArgs, Clone, Debug)]
@@ -30,6 +36,15 @@ pub struct Args {
     /// Draw with the CPU reference instead of the GPU
     #[arg(long)]
     pub reference: bool,
+    /// Draw the input that the database was built from, which is named as for `build`: many rays a pixel, no voxels
+    #[arg(long, conflicts_with = "reference")]
+    pub truth: bool,
+    /// Rays per pixel of --truth, rounded up to a square number
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=MAX_RAYS))]
+    pub rays: u32,
+    /// The input for --truth.
+    #[command(flatten)]
+    pub input: InputArgs,
     /// Picture, budgets, light
     #[command(flatten)]
     pub view: ViewArgs,
@@ -42,8 +57,34 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     let camera = args.view.camera(args.eye, args.target)?;
     let settings = args.view.settings();
+    if args.truth == args.input.is_empty() {
+        let message = if args.truth {
+            "--truth draws the input, and none is named"
+        } else {
+            "inputs are drawn with --truth only"
+        };
+        return Err(CommandError::new(
+            message,
+            "render DIR --truth house.obj --heights ground.tif … names them as `build` does",
+        ));
+    }
     let (store, terrain) = open_terrain(&args.dir)?;
-    let (picture, faults): (Picture, Vec<String>) = if args.reference {
+    let (picture, faults): (Picture, Vec<String>) = if args.truth {
+        let (mut boxes, mut faults) = (Vec::new(), terrain.faults);
+        for name in &terrain.trees {
+            match read_header(store.as_ref(), name) {
+                Ok(header) => boxes.push(header.bounds()),
+                Err(fault) => faults.push(fault.to_string()),
+            }
+        }
+        let input = args.input.load()?;
+        for warning in input.warnings() {
+            eprintln!("warning: {warning}");
+        }
+        let truth = Truth::new(&input.meshes, &input.layers, &Bottom::Boxes(boxes))?;
+        let rays_per_axis = f64::from(args.rays).sqrt().ceil() as u32;
+        (truth.render(&camera, &settings, rays_per_axis, 0), faults)
+    } else if args.reference {
         (
             Reference::new(store, &terrain.trees)?
                 .render(&camera, &settings)?

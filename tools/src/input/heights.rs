@@ -126,6 +126,12 @@ impl HeightMap {
         self.to_pixel.at(world)
     }
 
+    /// What a step of world metres is in pixel space.
+    #[inline]
+    pub fn direction_to_pixel(&self, world: DVec2) -> DVec2 {
+        self.to_pixel.column * world.x + self.to_pixel.row * world.y
+    }
+
     /// Lengths in metres of a step to the next column and to the next row.
     pub fn pixel_size(&self) -> DVec2 {
         DVec2::new(self.to_world.column.length(), self.to_world.row.length())

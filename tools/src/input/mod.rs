@@ -2,6 +2,7 @@
 //!
 //! - [`heights`] and [`imagery`]: height maps and the pictures laid over them, placed by [`georef`];
 //! - [`mesh`]: OBJ models with materials and [`texture`]s;
+//! - [`Inputs`]: all of them together; [`Layer`] and [`Look`] say what they show at a place;
 //! - [`demo`]: a terrain made from a seed, written as the files a user would bring.
 //!
 //! World space is metres, f64, X east, Y north, Z up. Colours that leave this module are in linear light.
@@ -10,13 +11,16 @@
 
 pub mod demo;
 mod error;
+mod files;
 mod geokeys;
 pub mod georef;
 mod height_samples;
 pub mod heights;
 pub mod image_file;
 pub mod imagery;
+mod layer;
 mod linear;
+mod look;
 mod materials;
 pub mod mesh;
 mod obj;
@@ -30,9 +34,12 @@ mod wkt;
 mod world_file;
 
 pub use error::InputError;
+pub use files::{HeightInput, Inputs};
 pub use georef::{GeoTransform, Georef};
 pub use heights::{HeightMap, HeightOptions, HeightUnit, load_layer};
 pub use image_file::Raster;
 pub use imagery::{Imagery, ramp_color};
+pub use layer::Layer;
+pub use look::Look;
 pub use mesh::{Material, Mesh, Triangle, UpAxis};
 pub use texture::Texture;

@@ -16,7 +16,7 @@ use super::lattice::CellBox;
 use super::sample::{SKIN_MAX, Sample};
 
 /// How the opacity of open surfaces goes up a level.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum)]
 pub enum Filter {
     /// The mean of the parts' opacities
     Mean,

@@ -17,12 +17,11 @@ use brickfell_formats::scene::Scene;
 use brickfell_formats::value::SOLID_ALPHA;
 use brickfell_formats::{bricks, octree_binary};
 
-use super::ground::Layer;
 use super::lattice::Lattice;
 use super::nodes::node_cube;
 use super::*;
 use crate::input::georef::Placement;
-use crate::input::{GeoTransform, Georef, HeightMap, Imagery, Material, Raster, Texture, Triangle};
+use crate::input::{GeoTransform, Georef, HeightMap, Imagery, Layer, Material, Raster, Texture, Triangle};
 
 /// A stored sample: colour, normal, and opacities against the axes (the alpha where they are not told apart).
 pub(crate) type Value = ([u8; 4], [i8; 3], [u8; 3]);
