@@ -1,0 +1,193 @@
+//! Suite `filters`: what the builder's filters make of coarse levels, against the truth, and what they take.
+//!
+//! Every scene is built with every filter. The CPU reference draws it at its default setting from so far away that a pixel is
+//! 1, 2, 4 and 16 finest voxels wide; the truth draws the input with 64 rays a pixel and more. Pictures end where the scene
+//! does, so they have fewer pixels from farther away, and errors are over all views of a distance.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use brickfell_culler::Camera;
+use brickfell_formats::bricks::{HEADER_BYTES, brick_file_name, decode_header};
+use brickfell_formats::octree_binary;
+use brickfell_pager::{FolderStore, Store};
+use brickfell_runtime::picture::Picture;
+use brickfell_runtime::reference::Reference;
+use brickfell_runtime::settings::RenderSettings;
+use brickfell_runtime::terrain::Terrain;
+use clap::ValueEnum;
+use glam::DVec3;
+use serde_json::json;
+
+use super::filter_scenes::{FilterScene, scenes};
+use super::{Row, Settings, row};
+use crate::build::{BuildArgs, Filter, Silent, build};
+use crate::commands::CommandError;
+use crate::input::{Inputs, UpAxis};
+use crate::truth::{Bottom, Truth};
+
+/// Widths of a pixel in finest voxels.
+const FACTORS: [u32; 4] = [1, 2, 4, 16];
+/// Most pixels of a picture per axis.
+const MOST_PIXELS: f64 = 240.0;
+/// Distance of the eye in extents of the scene: far enough that pixels are about as wide in front as behind.
+const DISTANCE: f64 = 8.0;
+
+/// A database and what it takes.
+struct Built {
+    reference: Reference,
+    boxes: Vec<[DVec3; 2]>,
+    seconds: f64,
+    bytes: u64,
+    bricks: u64,
+    /// Bytes of all its bricks in slots of the brick pool.
+    pool_bytes: u64,
+}
+
+fn build_scene(folder: &Path, scene: &FilterScene, filter: Filter) -> Result<Built, CommandError> {
+    let name = scene.name.replace(' ', "-");
+    let mut args = BuildArgs::new(folder.join(format!("filters-{name}-{}", filter.name())));
+    args.inputs = scene.meshes.clone();
+    args.heights = scene.heights.clone();
+    args.voxel = Some(scene.voxel);
+    args.tree_voxels = scene.tree_voxels;
+    args.filter = filter;
+    args.force = true;
+    let start = Instant::now();
+    build(&args, &Silent)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let store: Arc<dyn Store> = Arc::new(FolderStore::open(&args.out)?);
+    let terrain = Terrain::open(&store)?;
+    let (mut bytes, mut bricks, mut boxes) = (0, 0, Vec::new());
+    for name in &terrain.trees {
+        let len = store.len(name)?;
+        let tree = octree_binary::decode(&store.read(name, 0, len as usize)?)?;
+        boxes.push(tree.header.bounds());
+        bytes += len;
+        for level in (0..=tree.header.depth).filter(|l| tree.brick_count(*l) > 0) {
+            let file = brick_file_name(name, level);
+            let len = store.len(&file)?;
+            bricks += u64::from(decode_header(&store.read(&file, 0, HEADER_BYTES)?, len)?.bricks);
+            bytes += len;
+        }
+    }
+    let sample_bytes = terrain.layers.sample_bytes() as u64;
+    Ok(Built {
+        reference: Reference::new(store, &terrain.trees)?,
+        boxes,
+        seconds,
+        bytes,
+        bricks,
+        pool_bytes: bricks * terrain.layout.samples() as u64 * sample_bytes,
+    })
+}
+
+/// Cameras of a scene whose pixels are `factor` finest voxels wide at its middle.
+fn cameras(scene: &FilterScene, factor: u32) -> Result<Vec<Camera>, CommandError> {
+    let pixel = scene.voxel * f64::from(factor);
+    let pixels = (1.2 * scene.extent / pixel).ceil().min(MOST_PIXELS);
+    let distance = DISTANCE * scene.extent;
+    let fov = 2.0 * (0.5 * pixels * pixel / distance).atan().to_degrees();
+    let camera = |(azimuth, elevation): &(f64, f64)| {
+        let ((sin, cos), (up, out)) = (azimuth.to_radians().sin_cos(), elevation.to_radians().sin_cos());
+        let eye = scene.middle + distance * DVec3::new(cos * out, sin * out, up);
+        Ok(Camera::look_at(
+            eye,
+            scene.middle,
+            fov,
+            pixels as u32,
+            pixels as u32,
+        )?)
+    };
+    scene.views.iter().map(camera).collect()
+}
+
+/// Sums of errors over pictures.
+#[derive(Default)]
+struct Errors {
+    pixels: f64,
+    /// Squares over premultiplied linear RGBA.
+    linear: f64,
+    /// Squares over sRGB codes (0..1) before the mid grey of a background.
+    srgb: f64,
+    alpha: f64,
+    alpha_squares: f64,
+}
+
+/// Linear light of the background: sRGB 0.5.
+const BACKGROUND: f64 = 0.214;
+
+fn srgb(linear: f64) -> f64 {
+    if linear <= 0.003_130_8 {
+        linear * 12.92
+    } else {
+        1.055 * linear.min(1.0).powf(1.0 / 2.4) - 0.055
+    }
+}
+
+impl Errors {
+    fn add(&mut self, picture: &Picture, truth: &Picture) {
+        for (a, b) in picture.pixels.iter().zip(&truth.pixels) {
+            let [a, b] = [a, b].map(|p| p.map(f64::from));
+            let code = |p: &[f64; 4], k: usize| srgb(p[k] + (1.0 - p[3]) * BACKGROUND);
+            self.pixels += 1.0;
+            self.linear += (0..4).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>() / 4.0;
+            self.srgb += (0..3).map(|k| (code(&a, k) - code(&b, k)).powi(2)).sum::<f64>() / 3.0;
+            self.alpha += a[3] - b[3];
+            self.alpha_squares += (a[3] - b[3]).powi(2);
+        }
+    }
+
+    fn psnr(&self, squares: f64) -> f64 {
+        (-10.0 * (squares / self.pixels).log10()).min(99.0)
+    }
+}
+
+/// Suite `filters`.
+///
+/// # Errors
+/// If a scene cannot be built or drawn.
+pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
+    let render = RenderSettings::default();
+    let mut rows = Vec::new();
+    for scene in &scenes(settings.folder)? {
+        let input = Inputs::load(&scene.meshes, &scene.heights, UpAxis::Z, None)?;
+        let mut truths: Vec<Vec<(Camera, Picture)>> = Vec::new();
+        for filter in Filter::value_variants() {
+            let built = build_scene(settings.folder, scene, *filter)?;
+            if truths.is_empty() {
+                let truth = Truth::new(&input.meshes, &input.layers, &Bottom::Boxes(built.boxes.clone()))?;
+                for factor in FACTORS {
+                    // More rays where pixels are few.
+                    let side = if factor > 2 && !settings.quick { 16 } else { 8 };
+                    let pictures = cameras(scene, factor)?.into_iter().map(|camera| {
+                        let picture = truth.render(&camera, &render, side, 0);
+                        (camera, picture)
+                    });
+                    truths.push(pictures.collect());
+                }
+            }
+            for (factor, truths) in FACTORS.iter().zip(&truths) {
+                let mut errors = Errors::default();
+                for (camera, truth) in truths {
+                    errors.add(&built.reference.render(camera, &render)?.0, truth);
+                }
+                rows.push(row(json!({
+                    "scene": scene.name,
+                    "distance": factor,
+                    "filter": filter.name(),
+                    "psnr_db": errors.psnr(errors.linear),
+                    "psnr_srgb_db": errors.psnr(errors.srgb),
+                    "alpha_mean": errors.alpha / errors.pixels,
+                    "alpha_rms": (errors.alpha_squares / errors.pixels).sqrt(),
+                    "bytes": built.bytes,
+                    "pool_bytes": built.pool_bytes,
+                    "bricks": built.bricks,
+                    "build_s": built.seconds,
+                }))?);
+            }
+        }
+    }
+    Ok(rows)
+}
