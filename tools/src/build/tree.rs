@@ -17,7 +17,7 @@ use brickfell_formats::value::BUILD_GAIN;
 use brickfell_formats::{morton, octree_binary};
 
 use super::error::BuildError;
-use super::filter::{Filter, Level, Target};
+use super::filter::{Filter, Target};
 use super::finest::{Met, Sources, triangle_cells, voxelise};
 use super::ground::{GroundGrid, Hints};
 use super::lattice::{Lattice, TreePlace};
@@ -70,18 +70,18 @@ pub(crate) fn build_tree(
     };
     let triangles: Vec<u32> =
         column.map_or(Vec::new(), |c| c.triangles.iter().copied().filter(near).collect());
-    let (samples, met) = voxelise(&Sources {
+    let (mut samples, met) = voxelise(&Sources {
         lattice: *lattice,
         place,
         grids: &grids,
         bottom: &|column| terrain.plan.bottom(column),
         surfaces: terrain.surfaces,
         triangles: &triangles,
+        covers: terrain.filter.covers(),
     });
-    if samples.is_empty_in(&lattice.own(place).blocks()) {
+    if samples.samples.is_empty_in(&lattice.own(place).blocks()) {
         return Ok(None);
     }
-    let mut samples = Level::finest(samples);
     let mut hints = Hints::finest(&grids, &support);
     drop(grids);
     let mut writer = FolderWriter::new(folder)?;

@@ -13,17 +13,34 @@ use crate::build::sample::{SKIN_MAX, Sample};
 
 /// Outlines of a voxel against x, y, z. Against axis a, bit `8 v + u` is the place u along axis a + 1, v along a + 2 (mod 3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Cover(pub(super) [u64; 3]);
+pub(crate) struct Cover(pub(crate) [u64; 3]);
 
 impl Cover {
-    /// The skins of the masks.
-    pub(super) fn skins(&self) -> [f32; 3] {
-        self.0.map(mask_skin)
+    /// What two of them cover together.
+    pub(crate) fn with(self, other: Self) -> Self {
+        Self(std::array::from_fn(|axis| self.0[axis] | other.0[axis]))
+    }
+
+    /// Skins against the axes.
+    pub(crate) fn skins(&self) -> [f32; 3] {
+        // Against axis a + 1 rows, and against a + 2 columns, are the depths of axis a.
+        const ROWS: u64 = 0xff00_0000_0000_00ff;
+        const COLUMNS: u64 = 0x8181_8181_8181_8181;
+        std::array::from_fn(|axis| {
+            let [next, last] = [1, 2].map(|k| self.0[(axis + k) % 3]);
+            mask_skin(self.0[axis], next & ROWS != 0 || last & COLUMNS != 0)
+        })
+    }
+
+    /// The largest of the skins.
+    pub(crate) fn skin(&self) -> f32 {
+        let [x, y, z] = self.skins();
+        x.max(y).max(z)
     }
 }
 
 /// Bits of a mask.
-const BITS: usize = 64;
+pub(super) const BITS: usize = 64;
 
 /// Skin by the number of bits that are covered.
 static SKIN: LazyLock<[f32; BITS + 1]> =
@@ -56,10 +73,10 @@ fn skin(coverage: f32) -> f32 {
 /// A plane that is not parallel to a face leaves a voxel through the one behind, where the rest of its outline lies. Its pieces
 /// have to be opaque together, as interpolation adds them up: so they get shares of a skin. Leaves end where they end.
 /// The two look different: a piece of a plane has one border, of some length at most, scattered leaves have borders
-/// all over.
-fn mask_skin(mask: u64) -> f32 {
+/// all over. `leaves` tells whether anything is at the voxel's ends in depth at all.
+fn mask_skin(mask: u64, leaves: bool) -> f32 {
     let bits = mask.count_ones() as usize;
-    if bits == 0 || bits == BITS {
+    if bits == 0 || bits == BITS || !leaves {
         return SKIN[bits];
     }
     let part = bits as f32 / BITS as f32;
@@ -74,7 +91,7 @@ fn mask_skin(mask: u64) -> f32 {
 }
 
 /// A hash of a place.
-fn hash(a: i64, b: i64, c: i64) -> u64 {
+pub(super) fn hash(a: i64, b: i64, c: i64) -> u64 {
     let mut h = (a as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
         ^ (b as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)
         ^ (c as u64).wrapping_mul(0x1656_67b1_9e37_79f9);
@@ -115,30 +132,8 @@ pub(super) struct Coverage;
 impl Rule for Coverage {
     type Kept = Cover;
 
-    /// A part of a voxel covers as many bits, not the same ones at every depth: leaves behind leaves are others.
-    fn finest(&self, sample: &Sample, cell: [i64; 3]) -> Cover {
-        let part = sample.skin().min(1.0);
-        if part <= 0.0 || part >= 1.0 {
-            return Cover([if part > 0.0 { u64::MAX } else { 0 }; 3]);
-        }
-        Cover(std::array::from_fn(|axis| {
-            let [a, b, c] = cell;
-            let mut h = hash(a ^ (axis as i64) << 40, b, c);
-            // The nearest of 64 steps, by a shuffle of the bits.
-            let mut mask = 0u64;
-            let mut left = (part * BITS as f32 + 0.5) as u64;
-            for k in 0..BITS as u64 {
-                h = h
-                    .wrapping_mul(0x5851_f42d_4c95_7f2d)
-                    .wrapping_add(0x1405_7b7e_f767_814f);
-                let of = BITS as u64 - k;
-                if (h >> 33) % of < left {
-                    mask |= 1 << k;
-                    left -= 1;
-                }
-            }
-            mask
-        }))
+    fn finest(&self, sample: &Sample) -> Cover {
+        Cover([if sample.skin() > 0.0 { u64::MAX } else { 0 }; 3])
     }
 
     fn up(&self, _: f32, parts: &Parts<Cover>) -> (f32, Cover) {
@@ -173,7 +168,6 @@ impl Rule for Coverage {
             let place = [parts.cell[i], parts.cell[j]];
             halve(rows, i64::from(parts.mip) << 2 | axis as i64, place)
         }));
-        let [x, y, z] = cover.skins();
-        (x.max(y).max(z), cover)
+        (cover.skin(), cover)
     }
 }

@@ -5,11 +5,14 @@
 //! around it only, so trees agree at borders with every filter. `docs/decisions.md` §3 compares them.
 
 mod coverage;
+mod outline;
 mod step;
 
 use brickfell_formats::layout::SampleLayout;
 
-use self::coverage::{Cover, Coverage};
+pub(crate) use self::coverage::Cover;
+use self::coverage::Coverage;
+pub(crate) use self::outline::{outline, thinned};
 use self::step::{Parts, Rule, coarser};
 use super::blocks::{Block, Blocks};
 use super::lattice::CellBox;
@@ -32,6 +35,11 @@ pub enum Filter {
 }
 
 impl Filter {
+    /// Whether it asks for what finest samples cover.
+    pub(crate) fn covers(self) -> bool {
+        matches!(self, Self::Coverage | Self::Axes)
+    }
+
     /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {
@@ -51,7 +59,7 @@ pub(crate) struct Level {
     kept: Kept,
 }
 
-/// What is kept of a level, in blocks as its samples are. Nothing is kept of the finest: it follows from the samples.
+/// What is kept of a level, in blocks as its samples are.
 #[derive(Debug)]
 enum Kept {
     Nothing,
@@ -70,10 +78,11 @@ pub(crate) struct Target {
 }
 
 impl Level {
-    pub(crate) fn finest(samples: Blocks<Sample>) -> Self {
+    /// The finest one, with what its samples cover if the filter asks for it.
+    pub(crate) fn finest(samples: Blocks<Sample>, covers: Option<Blocks<Cover>>) -> Self {
         Self {
             samples,
-            kept: Kept::Nothing,
+            kept: covers.map_or(Kept::Nothing, Kept::Covers),
         }
     }
 
@@ -97,7 +106,7 @@ impl Level {
         Self { samples, kept }
     }
 
-    /// Skins against the three axes, where a filter tells them apart; that is not at the finest level.
+    /// Skins against the three axes, where a filter tells them apart.
     pub(crate) fn axes(&self, filter: Filter) -> Option<AxisSkins<'_>> {
         match (filter, &self.kept) {
             (Filter::Axes, Kept::Covers(covers)) => Some(AxisSkins(covers)),
@@ -126,7 +135,7 @@ struct Mean;
 impl Rule for Mean {
     type Kept = ();
 
-    fn finest(&self, _: &Sample, _: [i64; 3]) {}
+    fn finest(&self, _: &Sample) {}
 
     fn up(&self, mean: f32, _: &Parts<()>) -> (f32, ()) {
         (mean, ())
@@ -140,7 +149,7 @@ struct Double;
 impl Rule for Double {
     type Kept = ();
 
-    fn finest(&self, _: &Sample, _: [i64; 3]) {}
+    fn finest(&self, _: &Sample) {}
 
     fn up(&self, mean: f32, _: &Parts<()>) -> (f32, ()) {
         ((2.0 * mean).min(SKIN_MAX), ())
@@ -154,7 +163,7 @@ struct Pow;
 impl Rule for Pow {
     type Kept = f32;
 
-    fn finest(&self, sample: &Sample, _: [i64; 3]) -> f32 {
+    fn finest(&self, sample: &Sample) -> f32 {
         sample.skin() / SKIN_MAX
     }
 

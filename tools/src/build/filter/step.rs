@@ -17,8 +17,8 @@ pub(super) trait Rule: Sync {
     /// What it keeps of a sample beside what is stored; the default where nothing is.
     type Kept: Copy + Default + PartialEq + Send + Sync;
 
-    /// What would have been kept of a finest sample.
-    fn finest(&self, sample: &Sample, cell: [i64; 3]) -> Self::Kept;
+    /// What is kept of a finest sample if nothing was when it was made.
+    fn finest(&self, sample: &Sample) -> Self::Kept;
 
     /// The skin of a coarser sample (0..2) and what is kept of it, given the mean of its parts' skins and what was kept of
     /// them. Called where a part has anything on its surface.
@@ -193,12 +193,7 @@ impl<R: Rule> Fine<'_, R> {
             Some(blocks) => read(blocks, base, n, R::Kept::default(), kept),
             None => {
                 kept.clear();
-                kept.extend(samples.iter().enumerate().map(|(k, sample)| {
-                    let k = k as i64;
-                    let cell = [k % n, k / n % n, k / (n * n)];
-                    self.rule
-                        .finest(sample, std::array::from_fn(|a| base[a] + cell[a]))
-                }));
+                kept.extend(samples.iter().map(|sample| self.rule.finest(sample)));
             }
         }
         let mut dense = new_dense::<Sample>();

@@ -48,7 +48,7 @@ fn finest(filled: impl Fn([i64; 3]) -> f32) -> Level {
                 slots: slots.collect(),
             }
         });
-    Level::finest(Blocks::new(&blocks, columns.collect()))
+    Level::finest(Blocks::new(&blocks, columns.collect()), None)
 }
 
 /// Levels 0 to `MIPS`.

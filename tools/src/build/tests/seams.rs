@@ -1,6 +1,6 @@
 //! Borders, constants and the cut into trees.
 
-use super::super::filter::{Level, Target};
+use super::super::filter::Target;
 use super::super::finest::{Sources, voxelise};
 use super::super::ground::{GroundGrid, Hints};
 use super::super::lattice::TreePlace;
@@ -86,15 +86,15 @@ fn constants_expand_to_what_bricks_would_store() {
                 .iter()
                 .filter_map(|l| GroundGrid::new(l, &lattice, &support))
                 .collect();
-            let (samples, _) = voxelise(&Sources {
+            let (mut samples, _) = voxelise(&Sources {
                 lattice,
                 place: TreePlace { origin: place.origin },
                 grids: &grids,
                 bottom: &|c| plan.bottom(c),
                 surfaces: &surfaces,
                 triangles: &triangles,
+                covers: filter.covers(),
             });
-            let mut samples = Level::finest(samples);
             let mut hints = Hints::finest(&grids, &support);
             for mip in 0..=lattice.depth {
                 if mip > 0 {
