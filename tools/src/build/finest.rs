@@ -365,7 +365,7 @@ impl GroundColumn {
             };
         }
         if let Some(f) = facets {
-            look.skin = if covers { f.cover.skin() } else { f.skin };
+            look.skin = if covers { 0.0 } else { f.skin };
             look.weight = look.weight.max(f.alpha);
             sum += f.sum;
             for c in 0..3 {

@@ -73,6 +73,14 @@ impl Sample {
         f32::from(self.skin) / SKIN_ONE
     }
 
+    /// The same with another skin.
+    pub(crate) fn with_skin(self, skin: f32) -> Self {
+        Self {
+            skin: code(skin.min(SKIN_MAX), SKIN_ONE),
+            ..self
+        }
+    }
+
     /// Whether nothing is there.
     pub(crate) fn is_empty(&self) -> bool {
         self.skin == 0 && self.solid == 0 && self.weight == 0.0

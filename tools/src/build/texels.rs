@@ -5,8 +5,8 @@ use rayon::prelude::*;
 use brickfell_formats::chunk::Layers;
 use brickfell_formats::value::SOLID_ALPHA;
 
-use super::blocks::{Block, BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense};
-use super::filter::AxisSkins;
+use super::blocks::{BLOCK, Block, BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense};
+use super::filter::Skins;
 use super::ground::Hints;
 use super::lattice::{CellBox, SIDE};
 use super::sample::{Sample, Texel};
@@ -38,25 +38,19 @@ pub(crate) enum Likeness {
 }
 
 impl TexelLevel {
-    /// Stores the samples of an area (cells of the level); `axes` are their skins if these are told apart.
-    pub(crate) fn new(
-        samples: &Blocks<Sample>,
-        axes: Option<AxisSkins>,
-        hints: &Hints,
-        area: CellBox,
-    ) -> Self {
+    /// Stores the samples of an area (cells of the level), with their skins where those are not their own.
+    pub(crate) fn new(samples: &Blocks<Sample>, skins: Option<Skins>, hints: &Hints, area: CellBox) -> Self {
         let width = area.hi[0] - area.lo[0];
         let columns = width * (area.hi[1] - area.lo[1]);
         let solid = (0..columns)
             .into_par_iter()
             .map(|k| Sample::DEEP.texel(hints.hint(area.lo[0] + k % width, area.lo[1] + k / width)))
             .collect();
-        let opacities = |axes: AxisSkins| Layer {
+        let opacities = |skins: Skins| Layer {
             blocks: store(samples, &area, |samples, at| {
-                let skins = axes.block(at);
                 let mut opacities = new_dense::<[u8; 3]>();
                 for (place, (opacity, sample)) in opacities.iter_mut().zip(samples.iter()).enumerate() {
-                    *opacity = sample.opacities(skins(place));
+                    *opacity = sample.opacities(skins.at(cell_of(at, place)));
                 }
                 opacities
             }),
@@ -65,10 +59,10 @@ impl TexelLevel {
         Self {
             area,
             texels: Layer {
-                blocks: store(samples, &area, |samples, [x, y, _]| texels(samples, hints, x, y)),
+                blocks: store(samples, &area, |samples, at| texels(samples, skins, hints, at)),
                 solid,
             },
-            opacities: axes.map(opacities),
+            opacities: skins.filter(|s| s.axes).map(opacities),
         }
     }
 
@@ -198,21 +192,31 @@ fn store<T: Send>(
     Blocks::new(&extent, columns)
 }
 
-fn texels(samples: &Dense<Sample>, hints: &Hints, x: i64, y: i64) -> Dense<Texel> {
+/// The cell at an index of a block.
+fn cell_of(block: [i64; 3], place: usize) -> [i64; 3] {
+    let k = place as i64;
+    let [x, y, z] = block.map(|b| b * SIDE);
+    [x + k % SIDE, y + k / SIDE % SIDE, z + k / (SIDE * SIDE)]
+}
+
+fn texels(samples: &Dense<Sample>, skins: Option<Skins>, hints: &Hints, block: [i64; 3]) -> Dense<Texel> {
     let mut texels = new_dense::<Texel>();
-    for j in 0..SIDE {
-        for i in 0..SIDE {
-            let hint = hints.hint(x * SIDE + i, y * SIDE + j);
-            let deep = Sample::DEEP.texel(hint);
-            for k in 0..SIDE {
-                let at = in_block(i, j, k);
-                let sample = &samples[at];
-                texels[at] = match sample {
-                    s if s.is_empty() => Texel::default(),
-                    s if s.is_deep() => deep,
-                    s => s.texel(hint),
-                };
-            }
+    for column in 0..(SIDE * SIDE) as usize {
+        let [x, y, _] = cell_of(block, column);
+        let hint = hints.hint(x, y);
+        let deep = Sample::DEEP.texel(hint);
+        for place in (column..BLOCK).step_by((SIDE * SIDE) as usize) {
+            let sample = samples[place];
+            texels[place] = if sample.is_empty() {
+                Texel::default()
+            } else if sample.is_deep() {
+                deep
+            } else if let Some(skins) = skins {
+                let [a, b, c] = skins.at(cell_of(block, place));
+                sample.with_skin(a.max(b).max(c)).texel(hint)
+            } else {
+                sample.texel(hint)
+            };
         }
     }
     texels

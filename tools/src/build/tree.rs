@@ -102,7 +102,7 @@ pub(crate) fn build_tree(
         let level = lattice.depth - mip;
         let texels = TexelLevel::new(
             &samples.samples,
-            samples.axes(terrain.filter),
+            samples.skins(terrain.filter, level > 0),
             &hints,
             lattice.stored(place, mip),
         );

@@ -9,6 +9,8 @@
 use std::sync::LazyLock;
 
 use super::step::{Parts, Rule};
+use crate::build::blocks::{Block, Blocks, in_block};
+use crate::build::lattice::SIDE;
 use crate::build::sample::{SKIN_MAX, Sample};
 
 /// Outlines of a voxel against x, y, z. Against axis a, bit `8 v + u` is the place u along axis a + 1, v along a + 2 (mod 3).
@@ -19,23 +21,6 @@ impl Cover {
     /// What two of them cover together.
     pub(crate) fn with(self, other: Self) -> Self {
         Self(std::array::from_fn(|axis| self.0[axis] | other.0[axis]))
-    }
-
-    /// Skins against the axes.
-    pub(crate) fn skins(&self) -> [f32; 3] {
-        // Against axis a + 1 rows, and against a + 2 columns, are the depths of axis a.
-        const ROWS: u64 = 0xff00_0000_0000_00ff;
-        const COLUMNS: u64 = 0x8181_8181_8181_8181;
-        std::array::from_fn(|axis| {
-            let [next, last] = [1, 2].map(|k| self.0[(axis + k) % 3]);
-            mask_skin(self.0[axis], next & ROWS != 0 || last & COLUMNS != 0)
-        })
-    }
-
-    /// The largest of the skins.
-    pub(crate) fn skin(&self) -> f32 {
-        let [x, y, z] = self.skins();
-        x.max(y).max(z)
     }
 }
 
@@ -68,26 +53,67 @@ fn skin(coverage: f32) -> f32 {
     high as f32
 }
 
-/// The skin of a mask, between that of a layer of its own and twice the coverage.
+/// The skin of a mask between what lies before and behind it.
 ///
-/// A plane that is not parallel to a face leaves a voxel through the one behind, where the rest of its outline lies. Its pieces
-/// have to be opaque together, as interpolation adds them up: so they get shares of a skin. Leaves end where they end.
-/// The two look different: a piece of a plane has one border, of some length at most, scattered leaves have borders
-/// all over. `leaves` tells whether anything is at the voxel's ends in depth at all.
-fn mask_skin(mask: u64, leaves: bool) -> f32 {
-    let bits = mask.count_ones() as usize;
-    if bits == 0 || bits == BITS || !leaves {
-        return SKIN[bits];
+/// A plane that is not parallel to a face leaves a voxel through the one behind, where the rest of its outline lies. Interpolation
+/// adds up what is stored of both, so they get shares of the skin of their common outline. What ends in a voxel, as
+/// leaves do, has that outline for itself.
+fn shared_skin(own: u64, around: u64) -> f32 {
+    let [own, all] = [own, own | around].map(u64::count_ones);
+    // Where masks are dithered a plane has holes of one bit in 20; and of a steep plane's three pieces the largest,
+    // interpolated, may fall short of one half.
+    let whole = (all as usize * 21 / 20).min(BITS);
+    let most = if whole == BITS {
+        1.1 * SKIN[BITS]
+    } else {
+        SKIN[whole]
+    };
+    (most * own as f32 / all.max(1) as f32).min(SKIN_MAX)
+}
+
+/// What is to be stored of a level by what its samples cover.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Skins<'a> {
+    pub(super) covers: &'a Blocks<Cover>,
+    /// The level's voxels are known two beyond what is stored. Where they are not, as of the root, all pieces count as such of
+    /// planes.
+    pub(super) neighbours: bool,
+    /// Axes are told apart, else the largest counts.
+    pub(crate) axes: bool,
+}
+
+impl Skins<'_> {
+    /// Skins of a cell against the axes.
+    pub(crate) fn at(&self, cell: [i64; 3]) -> [f32; 3] {
+        let own = self.cover(cell);
+        if own == Cover::default() {
+            return [0.0; 3];
+        }
+        let skins: [f32; 3] = std::array::from_fn(|axis| {
+            let beside = |step: i64| {
+                let mut at = cell;
+                at[axis] += step;
+                self.cover(at).0[axis]
+            };
+            match own.0[axis] {
+                0 => 0.0,
+                own if self.neighbours => shared_skin(own, beside(-1) | beside(1)),
+                own => shared_skin(own, u64::MAX),
+            }
+        });
+        if self.axes {
+            return skins;
+        }
+        [skins[0].max(skins[1]).max(skins[2]); 3]
     }
-    let part = bits as f32 / BITS as f32;
-    // Borders along u and v, in parts of what a random mask of this coverage has.
-    let across = (mask ^ mask >> 1) & 0x7f7f_7f7f_7f7f_7f7f;
-    let along = (mask ^ mask >> 8) & (u64::MAX >> 8);
-    let borders = across.count_ones().max(along.count_ones()) as f32 / (112.0 * part * (1.0 - part));
-    let scattered = ((borders - 0.5) / 0.45).clamp(0.0, 1.0);
-    // A tenth more: of a steep plane's three pieces the largest, interpolated, may fall short of one half.
-    let sheet = SKIN_MAX * (1.1 * part).min(1.0);
-    sheet + scattered * (SKIN[bits] - sheet)
+
+    fn cover(&self, [x, y, z]: [i64; 3]) -> Cover {
+        let column = self.covers.column(x.div_euclid(SIDE), y.div_euclid(SIDE));
+        match column.get(z.div_euclid(SIDE)) {
+            Block::Dense(covers) => covers[in_block(x, y, z)],
+            _ => Cover::default(),
+        }
+    }
 }
 
 /// A hash of a place.
@@ -126,7 +152,7 @@ fn halve(rows: [u16; 16], seed: i64, at: [i64; 2]) -> u64 {
     mask
 }
 
-/// The rule: the largest of the three axes' coverages, so that a plane is what it is from its front.
+/// The rule: covers go up, skins are made of them only where a level is stored ([`Skins`]).
 pub(super) struct Coverage;
 
 impl Rule for Coverage {
@@ -168,6 +194,6 @@ impl Rule for Coverage {
             let place = [parts.cell[i], parts.cell[j]];
             halve(rows, i64::from(parts.mip) << 2 | axis as i64, place)
         }));
-        (cover.skin(), cover)
+        (0.0, cover)
     }
 }

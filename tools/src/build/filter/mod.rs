@@ -10,11 +10,11 @@ mod step;
 
 use brickfell_formats::layout::SampleLayout;
 
-pub(crate) use self::coverage::Cover;
 use self::coverage::Coverage;
+pub(crate) use self::coverage::{Cover, Skins};
 pub(crate) use self::outline::{outline, thinned};
 use self::step::{Parts, Rule, coarser};
-use super::blocks::{Block, Blocks};
+use super::blocks::Blocks;
 use super::lattice::CellBox;
 use super::sample::{SKIN_MAX, Sample};
 
@@ -106,26 +106,16 @@ impl Level {
         Self { samples, kept }
     }
 
-    /// Skins against the three axes, where a filter tells them apart.
-    pub(crate) fn axes(&self, filter: Filter) -> Option<AxisSkins<'_>> {
-        match (filter, &self.kept) {
-            (Filter::Axes, Kept::Covers(covers)) => Some(AxisSkins(covers)),
+    /// Skins by what samples cover, if the filter goes by that. `neighbours` tells whether the level reaches two cells beyond
+    /// what is stored of it.
+    pub(crate) fn skins(&self, filter: Filter, neighbours: bool) -> Option<Skins<'_>> {
+        match &self.kept {
+            Kept::Covers(covers) => Some(Skins {
+                covers,
+                neighbours,
+                axes: filter == Filter::Axes,
+            }),
             _ => None,
-        }
-    }
-}
-
-/// Skins of a level against the three axes.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct AxisSkins<'a>(&'a Blocks<Cover>);
-
-impl AxisSkins<'_> {
-    /// Those of a block, at an index in it.
-    pub(crate) fn block(&self, [x, y, z]: [i64; 3]) -> impl Fn(usize) -> [f32; 3] {
-        let block = self.0.column(x, y).get(z);
-        move |place| match &block {
-            Block::Dense(covers) => covers[place].skins(),
-            _ => [0.0; 3],
         }
     }
 }

@@ -65,7 +65,11 @@ fn pyramid(filter: Filter, layout: SampleLayout, filled: impl Fn([i64; 3]) -> f3
     levels
 }
 
-fn skin(level: &Level, [x, y, z]: [i64; 3]) -> f64 {
+/// The skin of a cell: for filters that go by coverage the largest, or against the axis if there is one.
+fn skin(level: &Level, filter: Filter, axis: usize, [x, y, z]: [i64; 3]) -> f64 {
+    if let Some(skins) = level.skins(filter, true) {
+        return f64::from(skins.at([x, y, z])[axis]);
+    }
     use super::super::blocks::Block;
     let column = level.samples.column(x.div_euclid(SIDE), y.div_euclid(SIDE));
     match column.get(z.div_euclid(SIDE)) {
@@ -95,32 +99,47 @@ fn through(skins: &[f64]) -> f64 {
     total / f64::from(phases)
 }
 
-/// Mean part of light that a level stops over the finest cells 0..N of x and y, rays along z.
-fn stopped(level: &Level, mip: u8) -> f64 {
+/// Mean part of light that a level stops over the finest cells 0..N of a cross-section, rays along an axis.
+fn stopped(level: &Level, filter: Filter, mip: u8, axis: usize) -> f64 {
     let n = N >> mip;
     let total: f64 = (0..n * n)
         .map(|k| {
-            let stack: Vec<f64> = (0..n).map(|z| skin(level, [k % n, k / n, z])).collect();
-            1.0 - through(&stack)
+            let stack = (0..n).map(|depth| {
+                let mut cell = [depth; 3];
+                (cell[(axis + 1) % 3], cell[(axis + 2) % 3]) = (k % n, k / n);
+                skin(level, filter, axis, cell)
+            });
+            1.0 - through(&stack.collect::<Vec<_>>())
         })
         .sum();
     total / (n * n) as f64
 }
 
+const OPAQUE: f32 = 2.0;
+
+/// What the levels from a mip on stop along an axis.
+fn stopped_from(
+    first: u8,
+    filter: Filter,
+    axis: usize,
+    filled: impl Fn([i64; 3]) -> bool,
+) -> impl Iterator<Item = (u8, f64)> {
+    let levels = pyramid(
+        filter,
+        SampleLayout::Centre,
+        |c| if filled(c) { OPAQUE } else { 0.0 },
+    );
+    (first..=MIPS).map(move |mip| (mip, stopped(&levels[usize::from(mip)], filter, mip, axis)))
+}
+
 #[test]
 fn a_flat_skin_is_opaque_at_every_level_and_phase() {
-    for filter in [Filter::Double, Filter::Coverage] {
+    for filter in [Filter::Double, Filter::Coverage, Filter::Axes] {
         for at in [0, 7, 21] {
-            for (mip, level) in pyramid(
-                filter,
-                SampleLayout::Centre,
-                |c| if c[2] == at { 2.0 } else { 0.0 },
-            )
-            .iter()
-            .enumerate()
-            {
-                let got = stopped(level, mip as u8);
-                assert!(got > 0.9999, "{filter:?} mip {mip}: {got}");
+            for axis in 0..3 {
+                for (mip, got) in stopped_from(0, filter, axis, |c| c[axis] == at) {
+                    assert!(got > 0.9999, "{filter:?} mip {mip}: {got}");
+                }
             }
         }
     }
@@ -128,22 +147,35 @@ fn a_flat_skin_is_opaque_at_every_level_and_phase() {
 
 #[test]
 fn specks_stop_what_their_cross_section_covers() {
-    // One cell of 8×8×8, and all of them behind one another: 1/64 of the cross-section.
-    let one = |c: [i64; 3]| c[0] % 8 == 3 && c[1] % 8 == 5 && c[2] == 3;
-    let speck = |c| if one(c) { 2.0 } else { 0.0 };
-    let levels = pyramid(Filter::Coverage, SampleLayout::Centre, speck);
-    for mip in 3..=MIPS {
-        let got = stopped(&levels[usize::from(mip)], mip) * 64.0;
-        // The largest of three dithered axes is more than their mean.
-        let most = if mip == 3 { 1.02 } else { 1.5 };
-        assert!((0.95..most).contains(&got), "mip {mip}: {got}");
+    // One cell of 8×8×8.
+    let speck = |c: [i64; 3]| c[0] % 8 == 3 && c[1] % 8 == 5 && c[2] == 3;
+    for (mip, got) in stopped_from(3, Filter::Axes, 2, speck) {
+        assert!((0.85..1.15).contains(&(got * 64.0)), "mip {mip}: {got}");
     }
-    // Twice the mean stays within a cross-section, too, where parts are an eighth.
-    let levels = pyramid(Filter::Double, SampleLayout::Centre, speck);
-    assert!(stopped(&levels[3], 3) * 64.0 < 2.5);
+    for (mip, got) in stopped_from(3, Filter::Coverage, 2, speck) {
+        // The largest of three dithered axes is more than their mean.
+        let most = if mip == 3 { 1.02 } else { 1.6 };
+        assert!((0.95..most).contains(&(got * 64.0)), "mip {mip}: {got}");
+    }
     // Means fade by eight a level instead of four.
-    let levels = pyramid(Filter::Mean, SampleLayout::Centre, speck);
-    assert!(stopped(&levels[3], 3) * 64.0 < 0.5);
+    let (_, mean) = stopped_from(3, Filter::Mean, 2, speck).next().unwrap();
+    assert!(mean * 64.0 < 0.5);
+}
+
+#[test]
+fn a_wall_seen_edge_on_is_as_thin_as_it_is() {
+    // A cell thick, eight deep along y, which is a voxel of level 3 and a part of those above.
+    let wall = |c: [i64; 3]| c[0] == 21 && c[1] < 8;
+    for (mip, got) in stopped_from(3, Filter::Axes, 1, wall) {
+        assert!((0.9..1.1).contains(&(got * N as f64)), "mip {mip}: {got}");
+    }
+    for (mip, got) in stopped_from(3, Filter::Axes, 0, wall) {
+        assert!((0.9..1.9).contains(&(got * 16.0)), "face-on, mip {mip}: {got}");
+    }
+    for filter in [Filter::Double, Filter::Coverage] {
+        let (_, got) = stopped_from(5, filter, 1, wall).next().unwrap();
+        assert!(got * N as f64 > 5.0, "{filter:?}: {got}");
+    }
 }
 
 #[test]
@@ -153,13 +185,14 @@ fn scattered_leaves_let_through_what_they_leave_open() {
         let leaf = |c: [i64; 3]| {
             noise(c[0] as u32, c[1] as u32) < part && c[2] == i64::from(noise(c[1] as u32, c[0] as u32) % 8)
         };
-        let levels = pyramid(Filter::Coverage, SampleLayout::Centre, |c| {
-            if leaf(c) { 2.0 } else { 0.0 }
-        });
         let truth = f64::from(part) / 256.0;
-        for mip in 3..=MIPS {
-            let got = stopped(&levels[usize::from(mip)], mip);
-            assert!((got - truth).abs() < 0.06, "{part}/256 at mip {mip}: {got}");
+        for filter in [Filter::Coverage, Filter::Axes] {
+            for (mip, got) in stopped_from(3, filter, 2, leaf) {
+                assert!(
+                    (got - truth).abs() < 0.08,
+                    "{filter:?} {part}/256 at mip {mip}: {got}"
+                );
+            }
         }
     }
 }
@@ -168,9 +201,9 @@ fn scattered_leaves_let_through_what_they_leave_open() {
 fn mean_and_pow_are_what_they_are_called() {
     let stored = |filter, filled: fn([i64; 3]) -> f32| -> Vec<f64> {
         let levels = pyramid(filter, SampleLayout::Centre, filled);
-        levels.iter().map(|l| skin(l, [0; 3]) / 2.0).collect()
+        levels.iter().map(|l| skin(l, filter, 0, [0; 3]) / 2.0).collect()
     };
-    let plane = |c: [i64; 3]| if c[2] == 0 { 2.0 } else { 0.0 };
+    let plane = |c: [i64; 3]| if c[2] == 0 { OPAQUE } else { 0.0 };
     let mean = stored(Filter::Mean, plane);
     let pow = stored(Filter::Pow, plane);
     for mip in 0..mean.len() {

@@ -103,7 +103,12 @@ fn constants_expand_to_what_bricks_would_store() {
                     samples = samples.coarser(filter, &Target { layout, mip, cells });
                 }
                 let area = lattice.stored(*place, mip);
-                let texels = TexelLevel::new(&samples.samples, samples.axes(filter), &hints, area);
+                let texels = TexelLevel::new(
+                    &samples.samples,
+                    samples.skins(filter, mip < lattice.depth),
+                    &hints,
+                    area,
+                );
                 let (mut cube, side) = (Vec::new(), area.hi[0] - area.lo[0]);
                 texels.gather(area.lo, side, &mut cube);
                 let mut opacities = Vec::new();
