@@ -6,6 +6,7 @@ pub mod commands;
 pub mod flight;
 pub mod holes;
 pub mod input;
+pub mod metrics;
 mod noise;
 pub mod picture_file;
 pub mod report;

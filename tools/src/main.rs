@@ -15,6 +15,10 @@ Examples:
   Your own: a height map in feet with an aerial picture, and models on it
     brickfell build house.obj --heights ground.tif --imagery ortho.tif --height-unit ft --voxel 0.5 --out db
 
+  What the input looks like, and how far the database's picture is from it
+    brickfell render db --truth house.obj --heights ground.tif --eye 0,-200,150 --target 100,100,0 --out truth.png
+    brickfell compare picture.png truth.png --out difference.png
+
   One picture, the figures of a database, a search for damage
     brickfell render db --eye 0,-200,150 --target 100,100,0 --out picture.png
     brickfell info db --json
@@ -38,6 +42,8 @@ enum Command {
     Fly(commands::fly::Args),
     /// Draw one picture
     Render(commands::render::Args),
+    /// Say how far two pictures are from each other
+    Compare(commands::compare::Args),
     /// Say what a database holds and what it takes
     Info(commands::info::Args),
     /// Read everything and list what is damaged
@@ -57,6 +63,7 @@ fn main() -> ExitCode {
         Command::Build(args) => commands::build::run(args),
         Command::Fly(args) => commands::fly::run(args),
         Command::Render(args) => commands::render::run(args),
+        Command::Compare(args) => commands::compare::run(args),
         Command::Info(args) => commands::info::run(args),
         Command::Check(args) => commands::check::run(args),
         Command::Bench(args) => commands::bench::run(args),

@@ -1,12 +1,15 @@
-//! Pictures on disk: linear light to sRGB PNG over a sky, and the animated overview of a flight.
+//! Pictures on disk: linear light to sRGB PNG over a sky and back, and the animated overview of a flight.
 
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::Path;
 
 use brickfell_culler::Camera;
-use brickfell_formats::value::linear_to_srgb;
+use brickfell_formats::value::{linear_to_srgb, srgb_to_linear};
 use brickfell_runtime::picture::Picture;
+
+use crate::input::{InputError, Raster};
+use crate::metrics::LinearImage;
 
 /// 8-bit sRGB pixels, three bytes each, row 0 at the top.
 #[derive(Clone, Debug)]
@@ -23,10 +26,9 @@ pub struct Image {
 const HORIZON: [f32; 3] = [0.55, 0.68, 0.82];
 const ZENITH: [f32; 3] = [0.12, 0.27, 0.60];
 
-/// Composites a picture over the sky that its camera sees.
-pub fn over_sky(picture: &Picture, camera: &Camera) -> Image {
-    let mut rgb = Vec::with_capacity(picture.pixels.len() * 3);
-    for (k, pixel) in picture.pixels.iter().enumerate() {
+/// Composites a picture over the sky that its camera sees, in linear light.
+pub fn linear_over_sky(picture: &Picture, camera: &Camera) -> LinearImage {
+    let pixel = |(k, pixel): (usize, &[f32; 4])| {
         let (x, y) = (k % picture.width as usize, k / picture.width as usize);
         let sky = if pixel[3] < 1.0 {
             let rise = camera
@@ -39,13 +41,37 @@ pub fn over_sky(picture: &Picture, camera: &Camera) -> Image {
         } else {
             [0.0; 3]
         };
-        rgb.extend((0..3).map(|c| linear_to_srgb(pixel[c] + (1.0 - pixel[3]) * sky[c])));
-    }
-    Image {
+        std::array::from_fn(|c| pixel[c] + (1.0 - pixel[3]) * sky[c])
+    };
+    LinearImage {
         width: picture.width,
         height: picture.height,
-        rgb,
+        rgb: picture.pixels.iter().enumerate().map(pixel).collect(),
     }
+}
+
+/// Composites a picture over the sky that its camera sees.
+pub fn over_sky(picture: &Picture, camera: &Camera) -> Image {
+    let linear = linear_over_sky(picture, camera);
+    Image {
+        width: linear.width,
+        height: linear.height,
+        rgb: linear.rgb.into_iter().flatten().map(linear_to_srgb).collect(),
+    }
+}
+
+/// Reads a picture (PNG, JPEG, BMP, TGA, TIFF) as linear light; what is not opaque lies over black.
+///
+/// # Errors
+/// A file that cannot be read, or whose picture is too large.
+pub fn load_linear(path: &Path) -> Result<LinearImage, InputError> {
+    let raster = Raster::load(path)?;
+    let linear = |[r, g, b, a]: [u8; 4]| [r, g, b].map(|c| srgb_to_linear(c) * (f32::from(a) / 255.0));
+    Ok(LinearImage {
+        width: raster.width,
+        height: raster.height,
+        rgb: raster.pixels.into_iter().map(linear).collect(),
+    })
 }
 
 impl Image {

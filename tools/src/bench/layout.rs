@@ -21,6 +21,7 @@ use serde_json::json;
 use super::scenes::{HILLS_SIZE, hills};
 use super::{Row, Settings, row};
 use crate::commands::CommandError;
+use crate::metrics;
 
 /// Voxels per axis of the judged tree; the truth has twice as many.
 const VOXELS: u32 = 512;
@@ -82,7 +83,7 @@ fn supersampled(
 }
 
 /// Peak signal-to-noise ratio over premultiplied linear RGBA, dB, at most 99.
-fn psnr(a: &Picture, b: &Picture) -> f64 {
+fn picture_psnr(a: &Picture, b: &Picture) -> f64 {
     let squares: f64 = a
         .pixels
         .iter()
@@ -90,12 +91,7 @@ fn psnr(a: &Picture, b: &Picture) -> f64 {
         .zip(b.pixels.iter().flatten())
         .map(|(x, y)| f64::from(x - y).powi(2))
         .sum();
-    let mean = squares / (a.pixels.len() * 4) as f64;
-    if mean > 0.0 {
-        (-10.0 * mean.log10()).min(99.0)
-    } else {
-        99.0
-    }
+    metrics::psnr(squares / (a.pixels.len() * 4) as f64)
 }
 
 /// Suite `layout`.
@@ -148,8 +144,8 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
                 "view": view,
                 "layout": format!("{:?}", database.layout).to_lowercase(),
                 "samples_per_axis": database.layout.side(),
-                "psnr_db_corner_truth": psnr(&picture, &truth[0]),
-                "psnr_db_centre_truth": psnr(&picture, &truth[1]),
+                "psnr_db_corner_truth": picture_psnr(&picture, &truth[0]),
+                "psnr_db_centre_truth": picture_psnr(&picture, &truth[1]),
                 "bricks": database.bricks,
                 "bytes": database.bytes,
                 "brick_bytes_gpu": database.layout.samples() * 8,

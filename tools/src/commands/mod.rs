@@ -6,6 +6,7 @@
 pub mod bench;
 pub mod build;
 pub mod check;
+pub mod compare;
 mod database;
 pub mod demo;
 pub mod fly;

@@ -19,6 +19,9 @@ use crate::input::{HeightMap, Layer, Look};
 /// Cells of a block per axis, at most.
 const SIDE: usize = 16;
 
+/// How far inside of the map's edge colours are looked up, pixels.
+const INSIDE: f64 = 1e-3;
+
 /// Column and row of a cell.
 pub(super) type Cell = (usize, usize);
 
@@ -107,14 +110,13 @@ impl<'a> Ground<'a> {
         let blocks = layers.iter().enumerate().flat_map(|(layer, l)| {
             let map = &l.map;
             let size = [map.width as usize + 1, map.height as usize + 1];
-            let middle = dvec2(f64::from(map.width), f64::from(map.height)) * 0.5;
+            // The world place of a cell's middle; cells along the edge are halves.
+            let end = dvec2(f64::from(map.width), f64::from(map.height));
+            let place =
+                |i: f64, j: f64| map.pixel_to_world(dvec2(i, j).clamp(DVec2::splat(0.25), end - 0.25));
             // Blocks end where the bottom changes: exactly so where rows go from west to east, else nearly.
-            let columns = cut(size[0], |i| {
-                floors.interval(0, map.pixel_to_world(dvec2(i as f64, middle.y)).x)
-            });
-            let rows = cut(size[1], |j| {
-                floors.interval(1, map.pixel_to_world(dvec2(middle.x, j as f64)).y)
-            });
+            let columns = cut(size[0], |i| floors.interval(0, place(i as f64, end.y * 0.5).x));
+            let rows = cut(size[1], |j| floors.interval(1, place(end.x * 0.5, j as f64).y));
             let blocks: Vec<Block> = rows
                 .par_iter()
                 .flat_map_iter(|rows| columns.iter().map(move |columns| (rows, columns)))
@@ -126,11 +128,8 @@ impl<'a> Ground<'a> {
                         corners.into_iter().reduce(f64::max)
                     });
                     let highest = heights.reduce(f64::max)?;
-                    let place = dvec2(
-                        (columns.start + columns.end - 1) as f64,
-                        (rows.start + rows.end - 1) as f64,
-                    ) * 0.5;
-                    let bottom = floors.at(map.pixel_to_world(place));
+                    let middle = |cells: &Range<usize>| (cells.start + cells.end - 1) as f64 * 0.5;
+                    let bottom = floors.at(place(middle(columns), middle(rows)));
                     (highest >= bottom).then(|| Block {
                         layer,
                         columns: columns.clone(),
@@ -234,9 +233,11 @@ impl<'a> Ground<'a> {
     pub(super) fn look(&self, block: usize, cell: Cell, point: DVec3) -> Look {
         let layer = &self.layers[self.blocks[block].layer];
         let map = &layer.map;
-        let place = point.truncate();
-        let at = map.world_to_pixel(place) + 0.5 - dvec2(cell.0 as f64, cell.1 as f64);
-        let at = at.clamp(DVec2::ZERO, DVec2::ONE);
+        let corner = dvec2(cell.0 as f64, cell.1 as f64) - 0.5;
+        let at = (map.world_to_pixel(point.truncate()) - corner).clamp(DVec2::ZERO, DVec2::ONE);
+        // A wall's colour is that of the ground at it, whatever side of the map's edge rounding puts the point on.
+        let size = dvec2(f64::from(map.width), f64::from(map.height));
+        let place = map.pixel_to_world((corner + at).clamp(DVec2::splat(INSIDE), size - INSIDE));
         let patch = Patch::new(map, cell).unwrap_or(Patch {
             h: 0.0,
             u: 0.0,

@@ -25,6 +25,8 @@
 mod bottom;
 mod boxes;
 mod ground;
+#[cfg(test)]
+mod tests;
 mod triangle;
 
 use brickfell_culler::Camera;
@@ -43,6 +45,9 @@ use triangle::Shear;
 
 /// A ray with less light left than this ends.
 const DARK: f64 = 1e-6;
+
+/// Most rays of a pixel along each axis; more are not cast.
+const MAX_RAYS_PER_AXIS: u32 = 1024;
 
 /// Why there is no truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -121,6 +126,7 @@ impl<'a> Truth<'a> {
         seed: u64,
     ) -> Picture {
         let (width, height) = (camera.width as usize, camera.height as usize);
+        let rays_per_axis = rays_per_axis.clamp(1, MAX_RAYS_PER_AXIS);
         let mut pixels = vec![[0f32; 4]; width * height];
         pixels
             .par_chunks_mut(width.max(1))

@@ -11,6 +11,7 @@
 mod build;
 mod check;
 mod common;
+mod compare;
 mod fly;
 mod info;
 mod inputs;
