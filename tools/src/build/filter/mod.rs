@@ -26,11 +26,11 @@ pub enum Filter {
     /// Their mean to the power of one minus the mean, taken of the level two below (Pecoraro 2015)
     Pow,
     /// Twice the mean, at most opaque
-    #[default]
     Double,
     /// The covered part of the cross-section, the largest of the three axes'
     Coverage,
-    /// The covered part of the cross-section, for each axis; inner bricks take half as much again
+    /// The covered part of the cross-section, for each axis; bricks take half as much again in the pools
+    #[default]
     Axes,
 }
 

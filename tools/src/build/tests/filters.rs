@@ -79,7 +79,7 @@ fn skin(level: &Level, filter: Filter, axis: usize, [x, y, z]: [i64; 3]) -> f64 
 }
 
 /// What a ray along z lets through of a stack of skins, read at steps of a voxel between them; the mean over phases.
-fn through(skins: &[f64]) -> f64 {
+pub(super) fn through(skins: &[f64]) -> f64 {
     let phases = 64;
     let at = |k: i64| {
         usize::try_from(k)
@@ -167,7 +167,8 @@ fn a_wall_seen_edge_on_is_as_thin_as_it_is() {
     // A cell thick, eight deep along y, which is a voxel of level 3 and a part of those above.
     let wall = |c: [i64; 3]| c[0] == 21 && c[1] < 8;
     for (mip, got) in stopped_from(3, Filter::Axes, 1, wall) {
-        assert!((0.9..1.1).contains(&(got * N as f64)), "mip {mip}: {got}");
+        // Above level 3 masks are dithered.
+        assert!((0.85..1.15).contains(&(got * N as f64)), "mip {mip}: {got}");
     }
     for (mip, got) in stopped_from(3, Filter::Axes, 0, wall) {
         assert!((0.9..1.9).contains(&(got * 16.0)), "face-on, mip {mip}: {got}");
