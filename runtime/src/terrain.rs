@@ -54,7 +54,8 @@ pub struct Terrain {
     pub graph: SceneGraph,
     /// Where samples lie in the bricks of the first readable tree; a scene has one layout.
     pub layout: SampleLayout,
-    /// What is stored of the samples of inner levels: that of the first root brick that can be read.
+    /// What the pools must hold of a sample: what the first root brick that can be read has. A scene's trees agree, else
+    /// opacities against the axes are left out and the largest of them counts.
     pub layers: Layers,
     /// Trees that could not be placed, one line each; they are left out of the graph.
     pub faults: Vec<String>,

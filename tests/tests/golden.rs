@@ -209,7 +209,8 @@ fn a_pool_too_small_gives_a_coarser_picture_without_holes() {
         let mut large = world.renderer();
         settled(&mut large, &camera, &settings);
         let used: u32 = large.feedback().used_bricks.iter().map(|w| w.count_ones()).sum();
-        let mut small = world.renderer_within(u64::from(used) / 4 * 8140);
+        // A slot has 12 bytes for each of 1000 samples, its stamp, and two node tiles with theirs.
+        let mut small = world.renderer_within(u64::from(used) / 4 * 12_140);
         assert!(
             small.brick_slots() < used / 3,
             "{} slots for {used}",

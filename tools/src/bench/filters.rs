@@ -25,6 +25,8 @@ use super::{Row, Settings, row};
 use crate::build::{BuildArgs, Filter, Silent, build};
 use crate::commands::CommandError;
 use crate::input::{Inputs, UpAxis};
+use crate::metrics::{compare, psnr};
+use crate::picture_file::linear_over_sky;
 use crate::truth::{Bottom, Truth};
 
 /// Widths of a pixel in finest voxels.
@@ -103,44 +105,34 @@ fn cameras(scene: &FilterScene, factor: u32) -> Result<Vec<Camera>, CommandError
     scene.views.iter().map(camera).collect()
 }
 
-/// Sums of errors over pictures.
+/// Sums of errors over the pictures of a distance, all of one size.
 #[derive(Default)]
 struct Errors {
-    pixels: f64,
-    /// Squares over premultiplied linear RGBA.
+    pictures: f64,
+    /// Mean squares over components, over the sky, linear light and sRGB.
     linear: f64,
-    /// Squares over sRGB codes (0..1) before the mid grey of a background.
     srgb: f64,
+    flip: f64,
+    /// Means of the difference of opacity and of its square.
     alpha: f64,
-    alpha_squares: f64,
-}
-
-/// Linear light of the background: sRGB 0.5.
-const BACKGROUND: f64 = 0.214;
-
-fn srgb(linear: f64) -> f64 {
-    if linear <= 0.003_130_8 {
-        linear * 12.92
-    } else {
-        1.055 * linear.min(1.0).powf(1.0 / 2.4) - 0.055
-    }
+    alpha_square: f64,
 }
 
 impl Errors {
-    fn add(&mut self, picture: &Picture, truth: &Picture) {
+    fn add(&mut self, camera: &Camera, picture: &Picture, truth: &Picture) -> Result<(), CommandError> {
+        let [a, b] = [picture, truth].map(|p| linear_over_sky(p, camera));
+        let errors = compare(&a, &b)?.0;
+        self.pictures += 1.0;
+        self.linear += errors.rmse.powi(2);
+        self.srgb += 10f64.powf(-0.1 * errors.psnr_srgb);
+        self.flip += errors.flip;
+        let count = picture.pixels.len() as f64;
         for (a, b) in picture.pixels.iter().zip(&truth.pixels) {
-            let [a, b] = [a, b].map(|p| p.map(f64::from));
-            let code = |p: &[f64; 4], k: usize| srgb(p[k] + (1.0 - p[3]) * BACKGROUND);
-            self.pixels += 1.0;
-            self.linear += (0..4).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>() / 4.0;
-            self.srgb += (0..3).map(|k| (code(&a, k) - code(&b, k)).powi(2)).sum::<f64>() / 3.0;
-            self.alpha += a[3] - b[3];
-            self.alpha_squares += (a[3] - b[3]).powi(2);
+            let difference = f64::from(a[3] - b[3]);
+            self.alpha += difference / count;
+            self.alpha_square += difference.powi(2) / count;
         }
-    }
-
-    fn psnr(&self, squares: f64) -> f64 {
-        (-10.0 * (squares / self.pixels).log10()).min(99.0)
+        Ok(())
     }
 }
 
@@ -171,16 +163,17 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
             for (factor, truths) in FACTORS.iter().zip(&truths) {
                 let mut errors = Errors::default();
                 for (camera, truth) in truths {
-                    errors.add(&built.reference.render(camera, &render)?.0, truth);
+                    errors.add(camera, &built.reference.render(camera, &render)?.0, truth)?;
                 }
                 rows.push(row(json!({
                     "scene": scene.name,
                     "distance": factor,
                     "filter": filter.name(),
-                    "psnr_db": errors.psnr(errors.linear),
-                    "psnr_srgb_db": errors.psnr(errors.srgb),
-                    "alpha_mean": errors.alpha / errors.pixels,
-                    "alpha_rms": (errors.alpha_squares / errors.pixels).sqrt(),
+                    "psnr_db": psnr(errors.linear / errors.pictures),
+                    "psnr_srgb_db": psnr(errors.srgb / errors.pictures),
+                    "flip": errors.flip / errors.pictures,
+                    "alpha_mean": errors.alpha / errors.pictures,
+                    "alpha_rms": (errors.alpha_square / errors.pictures).sqrt(),
                     "bytes": built.bytes,
                     "pool_bytes": built.pool_bytes,
                     "bricks": built.bricks,

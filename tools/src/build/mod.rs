@@ -203,7 +203,12 @@ impl Inputs {
             plan: &plan,
             encoding: args.encoding,
             chunk_log2: args.chunk_log2,
-            filter: args.filter,
+            // Without triangles there are no outlines, and no layer is to be stored of them.
+            filter: if surfaces.len() == 0 {
+                Filter::Double
+            } else {
+                args.filter
+            },
         };
         let mut report = BuildReport {
             voxel: lattice.voxel,
