@@ -60,9 +60,9 @@ fn skin(coverage: f32) -> f32 {
 /// leaves do, has that outline for itself.
 fn shared_skin(own: u64, around: u64) -> f32 {
     let [own, all] = [own, own | around].map(u64::count_ones);
-    // Where masks are dithered a plane has holes, of one bit in eight at most; and of a steep plane's three pieces the largest,
-    // interpolated, may fall short of one half.
-    let whole = (all as usize * 8 / 7).min(BITS);
+    // Dithered, pieces of a plane leave some bits open between them, the more the more lies in the other pieces; and of a
+    // steep plane's three pieces the largest, interpolated, may fall short of one half.
+    let whole = (all as usize + (all - own).div_ceil(4) as usize).min(BITS);
     let most = if whole == BITS {
         1.1 * SKIN[BITS]
     } else {
