@@ -191,7 +191,7 @@ fn scattered_leaves_let_through_what_they_leave_open() {
         for (filter, bound) in [(Filter::Coverage, 0.15), (Filter::Axes, 0.08)] {
             for (mip, got) in stopped_from(3, filter, 2, leaf) {
                 assert!(
-                    (got - truth).abs() < 0.08,
+                    (got - truth).abs() < bound,
                     "{filter:?} {part}/256 at mip {mip}: {got}"
                 );
             }
