@@ -3,7 +3,7 @@
 //! ```text
 //! 0   magic "BRKFBRK\0"    8
 //! 8   version u32          4
-//! 12  level u8, layout u8, chunk side log2 u8, layers u8 (bit 0 colour, bit 1 normal)
+//! 12  level u8, layout u8, chunk side log2 u8, layers u8 (bit 0 colour, bit 1 normal, bit 2 opacities)
 //! 16  encoding u8, zero × 3
 //! 20  chunks u32           4
 //! 24  bricks u32           4
@@ -21,7 +21,7 @@ use std::ops::Range;
 
 use glam::UVec3;
 
-use crate::chunk::{Chunk, Encoding, MAX_CHUNK_SIDE};
+use crate::chunk::{Chunk, Encoding, Layers, MAX_CHUNK_SIDE};
 use crate::error::FormatError;
 use crate::layout::SampleLayout;
 use crate::morton;
@@ -36,12 +36,10 @@ pub const HEADER_BYTES: usize = 64;
 /// Bytes of a directory entry.
 pub const ENTRY_BYTES: usize = 32;
 
-/// Longest payload of a chunk. The largest chunk has 34³ samples of 7 bytes, and a compressor adds little to noise.
+/// Longest payload of a chunk. The largest chunk has 34³ samples of 7 or 10 bytes, and a compressor adds little to noise.
 pub const MAX_PAYLOAD: u32 = 1 << 19;
 
 const MAX_CHUNK_LOG2: u8 = MAX_CHUNK_SIDE.ilog2() as u8;
-
-const LAYERS: u8 = 0b11;
 
 /// Properties of a brick file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,6 +50,8 @@ pub struct BrickHeader {
     pub layout: SampleLayout,
     /// Bricks per chunk and axis are `1 << chunk_log2`, at most 4.
     pub chunk_log2: u8,
+    /// What is stored of each sample.
+    pub layers: Layers,
     /// How payloads are coded.
     pub encoding: Encoding,
     /// Chunks in the file.
@@ -128,9 +128,6 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<BrickHeader, FormatE
     if bytes[14] > MAX_CHUNK_LOG2 {
         return Err(unknown(14, "chunk size", bytes[14]));
     }
-    if bytes[15] != LAYERS {
-        return Err(unknown(15, "layer set", bytes[15]));
-    }
     // Whatever gives these bytes a meaning raises the version.
     if bytes[17..20].iter().chain(&bytes[40..60]).any(|b| *b != 0) {
         return Err(FormatError::at(17, "unused bytes are not zero"));
@@ -139,6 +136,7 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<BrickHeader, FormatE
         level: bytes[12],
         layout: SampleLayout::from_code(bytes[13]).ok_or_else(|| unknown(13, "sample layout", bytes[13]))?,
         chunk_log2: bytes[14],
+        layers: Layers::from_code(bytes[15]).ok_or_else(|| unknown(15, "layer set", bytes[15]))?,
         encoding: Encoding::from_code(bytes[16]).ok_or_else(|| unknown(16, "encoding", bytes[16]))?,
         chunks: u32_at(bytes, 20),
         bricks: u32_at(bytes, 24),
@@ -267,7 +265,13 @@ impl BrickIndex {
                 format!("checksum of chunk {chunk} does not match: the file is damaged"),
             ));
         }
-        Chunk::decode(bytes, entry.mask, self.header.layout, self.header.encoding)
+        let BrickHeader {
+            layout,
+            layers,
+            encoding,
+            ..
+        } = self.header;
+        Chunk::decode(bytes, entry.mask, layout, layers, encoding)
             .map_err(|e| FormatError::at(entry.offset, format!("chunk {chunk}: {}", e.message)))
     }
 }
@@ -291,6 +295,7 @@ impl BrickFileWriter {
                 level,
                 layout,
                 chunk_log2: chunk_log2.min(MAX_CHUNK_LOG2),
+                layers: Layers::Plain,
                 encoding,
                 chunks: 0,
                 bricks: 0,
@@ -300,6 +305,12 @@ impl BrickFileWriter {
             directory: Vec::new(),
             last: None,
         }
+    }
+
+    /// The same with other layers, which all its chunks must have.
+    pub fn with_layers(mut self, layers: Layers) -> Self {
+        self.header.layers = layers;
+        self
     }
 
     /// Enters the next payload, to be written where the last one ended.
@@ -353,7 +364,7 @@ impl BrickFileWriter {
         let mut out = [0u8; HEADER_BYTES];
         out[..8].copy_from_slice(&MAGIC);
         out[8..12].copy_from_slice(&VERSION.to_le_bytes());
-        out[12..16].copy_from_slice(&[h.level, h.layout as u8, h.chunk_log2, LAYERS]);
+        out[12..16].copy_from_slice(&[h.level, h.layout as u8, h.chunk_log2, h.layers as u8]);
         out[16] = h.encoding as u8;
         out[20..24].copy_from_slice(&h.chunks.to_le_bytes());
         out[24..28].copy_from_slice(&h.bricks.to_le_bytes());

@@ -36,6 +36,44 @@ impl Encoding {
     }
 }
 
+/// What a file stores of each sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Layers {
+    /// Colour and normal.
+    #[default]
+    Plain = 0b011,
+    /// Colour, normal, and an opacity against each axis.
+    Axes = 0b111,
+}
+
+impl Layers {
+    /// The layers of a stored code, `None` where unknown.
+    pub fn from_code(code: u8) -> Option<Self> {
+        match code {
+            0b011 => Some(Self::Plain),
+            0b111 => Some(Self::Axes),
+            _ => None,
+        }
+    }
+
+    /// Components stored per sample: r, g, b, a, nx, ny, nz, and the opacities against x, y, z if there are any.
+    fn planes(self) -> usize {
+        match self {
+            Self::Plain => 7,
+            Self::Axes => PLANES,
+        }
+    }
+
+    /// Bytes of a sample in memory.
+    pub fn sample_bytes(self) -> usize {
+        match self {
+            Self::Plain => 8,
+            Self::Axes => 12,
+        }
+    }
+}
+
 /// Bricks of a chunk in Morton order of their place in it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Chunk {
@@ -47,10 +85,12 @@ pub struct Chunk {
     pub color: Vec<[u8; 4]>,
     /// Normals, in the same order.
     pub normal: Vec<[i8; 4]>,
+    /// Opacities against x, y, z (see `value`) and a spare zero, in the same order; empty where the file has none.
+    pub opacity: Vec<[u8; 4]>,
 }
 
-/// Components stored per sample: r, g, b, a, nx, ny, nz.
-const PLANES: usize = 7;
+/// Most components of a sample.
+const PLANES: usize = 10;
 
 /// The box of samples that covers the present bricks.
 struct Region {
@@ -121,14 +161,30 @@ impl Chunk {
         &self.normal[k * n..(k + 1) * n]
     }
 
+    /// Opacities against the axes of brick k, if there are any.
+    pub fn brick_opacity(&self, k: usize) -> Option<&[[u8; 4]]> {
+        let n = self.layout.samples();
+        self.opacity.get(k * n..(k + 1) * n)
+    }
+
+    /// What is stored of each sample.
+    pub fn layers(&self) -> Layers {
+        if self.opacity.is_empty() {
+            Layers::Plain
+        } else {
+            Layers::Axes
+        }
+    }
+
     /// Bytes the chunk takes in memory.
     pub fn memory(&self) -> usize {
-        self.color.len() * 8 + size_of::<Self>()
+        self.color.len() * self.layers().sample_bytes() + size_of::<Self>()
     }
 
     fn components(&self, sample: usize) -> [u8; PLANES] {
         let ([r, g, b, a], [nx, ny, nz, _]) = (self.color[sample], self.normal[sample]);
-        [r, g, b, a, nx as u8, ny as u8, nz as u8]
+        let [x, y, z, _] = self.opacity.get(sample).copied().unwrap_or_default();
+        [r, g, b, a, nx as u8, ny as u8, nz as u8, x, y, z]
     }
 
     /// Codes the chunk.
@@ -137,21 +193,26 @@ impl Chunk {
     /// If the number of samples does not match the mask, bricks disagree about a sample that they share, or the
     /// compressor fails.
     pub fn encode(&self, encoding: Encoding) -> Result<Vec<u8>, FormatError> {
-        if self.color.len() != self.bricks() * self.layout.samples() || self.normal.len() != self.color.len()
+        let samples = self.bricks() * self.layout.samples();
+        let opacities = self.opacity.len();
+        if self.color.len() != samples
+            || self.normal.len() != samples
+            || (opacities != 0 && opacities != samples)
         {
             return Err(FormatError::file("a chunk's samples do not match its mask"));
         }
         let region = Region::new(self.mask, self.layout);
         let n = region.samples();
-        let mut planes = vec![0u8; n * PLANES];
+        let count = self.layers().planes();
+        let mut planes = vec![0u8; n * count];
         region.for_each_sample(self.mask, self.layout, |sample, place| {
-            for (plane, v) in self.components(sample).into_iter().enumerate() {
+            for (plane, v) in self.components(sample).into_iter().take(count).enumerate() {
                 planes[plane * n + place] = v;
             }
         });
         let mut agree = true;
         region.for_each_sample(self.mask, self.layout, |sample, place| {
-            for (plane, v) in self.components(sample).into_iter().enumerate() {
+            for (plane, v) in self.components(sample).into_iter().take(count).enumerate() {
                 agree &= planes[plane * n + place] == v;
             }
         });
@@ -181,20 +242,22 @@ impl Chunk {
         bytes: &[u8],
         mask: u64,
         layout: SampleLayout,
+        layers: Layers,
         encoding: Encoding,
     ) -> Result<Self, FormatError> {
         let region = Region::new(mask, layout);
         let n = region.samples();
+        let count = layers.planes();
         let mut planes = match encoding {
             Encoding::Plain => bytes.to_vec(),
-            Encoding::Zstd => zstd::bulk::decompress(bytes, n * PLANES)
+            Encoding::Zstd => zstd::bulk::decompress(bytes, n * count)
                 .map_err(|e| FormatError::file(format!("chunk payload does not decompress: {e}")))?,
         };
-        if planes.len() != n * PLANES {
+        if planes.len() != n * count {
             return Err(FormatError::file(format!(
                 "chunk payload has {} bytes, {} expected",
                 planes.len(),
-                n * PLANES
+                n * count
             )));
         }
         for column in planes.chunks_exact_mut(region.size.z as usize) {
@@ -210,13 +273,22 @@ impl Chunk {
             layout,
             color: vec![[0; 4]; samples],
             normal: vec![[0; 4]; samples],
+            opacity: Vec::new(),
         };
-        let plane: [&[u8]; PLANES] = std::array::from_fn(|k| &planes[k * n..(k + 1) * n]);
+        let plane = |k: usize| &planes[k * n..(k + 1) * n];
+        let seven: [&[u8]; 7] = std::array::from_fn(plane);
         region.for_each_sample(mask, layout, |sample, place| {
-            let [r, g, b, a, nx, ny, nz] = plane.map(|p| p[place]);
+            let [r, g, b, a, nx, ny, nz] = seven.map(|p| p[place]);
             chunk.color[sample] = [r, g, b, a];
             chunk.normal[sample] = [nx as i8, ny as i8, nz as i8, 0];
         });
+        if layers == Layers::Axes {
+            chunk.opacity = vec![[0; 4]; samples];
+            let [x, y, z] = [7, 8, 9].map(plane);
+            region.for_each_sample(mask, layout, |sample, place| {
+                chunk.opacity[sample] = [x[place], y[place], z[place], 0];
+            });
+        }
         Ok(chunk)
     }
 }

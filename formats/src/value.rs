@@ -8,6 +8,8 @@
 //!   use gain 1.
 //! - `rgb` is the linear-light colour times `a/255`, stored in the sRGB encoding (`sRGB(colour · a/255)`): filtering happens
 //!   after decoding, in linear light, and dark colours keep their precision.
+//! - Where a file has them, `[x, y, z, 0]` are opacities like `a`, against the three axes: of a ray along that axis. Then `a` is
+//!   the largest of them, and only what the colour is multiplied by.
 //! - `n` is the mean normal (world axes, length ≤ 1: short where normals disagree) times the opacity, over 127.
 
 use std::sync::LazyLock;

@@ -3,7 +3,7 @@
 mod common;
 
 use brickfell_formats::bricks::{self, BrickFileWriter, BrickIndex, HEADER_BYTES, brick_file_name};
-use brickfell_formats::chunk::{Chunk, Encoding, brick_positions};
+use brickfell_formats::chunk::{Chunk, Encoding, Layers, brick_positions};
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::{FormatError, morton};
 use common::{brick_file, chunk_of};
@@ -25,11 +25,15 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn chunks_round_trip(chunk in common::chunk(2), encoding in common::encoding()) {
+    fn chunks_round_trip(mut chunk in common::chunk(2), encoding in common::encoding(), axes in any::<bool>()) {
+        if axes {
+            common::add_opacity(&mut chunk);
+        }
         let bytes = chunk.encode(encoding).unwrap();
-        prop_assert_eq!(&Chunk::decode(&bytes, chunk.mask, chunk.layout, encoding).unwrap(), &chunk);
+        let decode = |bytes: &[u8], c: &Chunk| Chunk::decode(bytes, c.mask, c.layout, c.layers(), encoding);
+        prop_assert_eq!(&decode(&bytes, &chunk).unwrap(), &chunk);
         for cut in [0, 1, bytes.len() / 2, bytes.len() - 1] {
-            prop_assert!(Chunk::decode(&bytes[..cut], chunk.mask, chunk.layout, encoding).is_err());
+            prop_assert!(decode(&bytes[..cut], &chunk).is_err());
         }
     }
 
@@ -40,12 +44,17 @@ proptest! {
         codes in prop::collection::btree_set(0u64..512, 0..6),
         masks in prop::collection::vec(any::<u64>(), 6),
         flat in any::<bool>(),
+        axes in any::<bool>(),
     ) {
         // Level 3 + k has 8³ chunks of 2^k bricks.
         let places = u64::MAX >> (64 - (1u32 << (3 * chunk_log2)));
         let chunks: Vec<(UVec3, Chunk)> = codes.iter().zip(masks).map(|(code, mask)| {
             let mask = if mask & places == 0 { 1 } else { mask & places };
-            (morton::decode(*code), chunk_of(mask, SampleLayout::Corner, *code, flat))
+            let mut chunk = chunk_of(mask, SampleLayout::Corner, *code, flat);
+            if axes {
+                common::add_opacity(&mut chunk);
+            }
+            (morton::decode(*code), chunk)
         }).collect();
         let file = brick_file(3 + chunk_log2, chunk_log2, encoding, &chunks);
         let index = index(&file).unwrap();
@@ -141,7 +150,9 @@ fn a_payload_must_decode_to_its_size_and_no_more() {
     let chunk = chunk_of(1, SampleLayout::Corner, 3, false);
     let plain = chunk.encode(Encoding::Plain).unwrap();
     let zstd = chunk.encode(Encoding::Zstd).unwrap();
-    let decode = |bytes: &[u8], mask, encoding| Chunk::decode(bytes, mask, SampleLayout::Corner, encoding);
+    let decode = |bytes: &[u8], mask, encoding| {
+        Chunk::decode(bytes, mask, SampleLayout::Corner, Layers::Plain, encoding)
+    };
     assert!(decode(&plain, 0b11, Encoding::Plain).is_err());
     assert!(decode(&zstd, 0b11, Encoding::Zstd).is_err());
     // A gigabyte of zeros in 32 kB: must fail within the chunk's own size.

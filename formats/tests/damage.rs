@@ -138,7 +138,7 @@ fn codes_of_later_versions_are_errors() {
         (12, 21, "level 21 is unknown"),
         (13, 2, "sample layout 2 is unknown"),
         (14, 3, "chunk size 3 is unknown"),
-        (15, 7, "layer set 7 is unknown"),
+        (15, 15, "layer set 15 is unknown"),
         (15, 1, "layer set 1 is unknown"),
         (16, 2, "encoding 2 is unknown"),
         (17, 1, "unused bytes are not zero"),

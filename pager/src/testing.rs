@@ -84,6 +84,7 @@ fn brick_file(tree: &Octree, level: u8, tag: u8) -> Vec<u8> {
             layout,
             color,
             normal: vec![[0, 0, 127, 0]; samples],
+            opacity: Vec::new(),
         };
         let payload = chunk.encode(Encoding::Zstd).unwrap();
         writer.push(morton::decode(code), mask, &payload).unwrap();

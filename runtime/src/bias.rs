@@ -18,6 +18,8 @@ const MAX: f64 = 12.0;
 pub struct BiasController {
     extra: f64,
     changed: u32,
+    /// The last demand was too high, and the last change too young to know what comes of it.
+    waiting: bool,
     camera: Option<Camera>,
 }
 
@@ -27,6 +29,11 @@ impl BiasController {
         self.extra
     }
 
+    /// True if another look at the same demand may change it.
+    pub fn is_waiting(&self) -> bool {
+        self.waiting
+    }
+
     /// Looks at a frame's demand and capacity, both in the same unit, for each resource; the scarcest decides.
     pub fn update(&mut self, frame: u32, camera: &Camera, demands: &[(f64, f64)]) {
         let load = demands
@@ -34,6 +41,7 @@ impl BiasController {
             .map(|(demand, capacity)| demand / capacity.max(1.0))
             .fold(0.0, f64::max);
         let rests = self.camera.replace(*camera) == Some(*camera);
+        self.waiting = load > HIGH && frame.saturating_sub(self.changed) < SETTLE_FRAMES;
         if frame.saturating_sub(self.changed) < SETTLE_FRAMES {
             return;
         }

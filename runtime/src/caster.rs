@@ -253,6 +253,7 @@ impl Caster {
                 ),
                 (10, self.counters.as_entire_binding()),
                 (11, self.requests.as_entire_binding()),
+                (12, wgpu::BindingResource::TextureView(&pools.opacity)),
             ],
         );
         let compact_pixels = gpu.bind(

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use brickfell_formats::chunk::Chunk;
+use brickfell_formats::chunk::{Chunk, Layers};
 use brickfell_formats::layout::SampleLayout;
 use brickfell_shaders::{SCATTER, layout};
 
@@ -17,14 +17,13 @@ pub const MAX_UPLOAD_BRICKS: usize = 2048;
 /// Most node words of one upload.
 pub const MAX_UPLOAD_NODES: usize = 1 << 16;
 
-/// Bytes of a sample in the brick pool: colour and normal.
-const SAMPLE_BYTES: u64 = 8;
-
 /// Sizes of the pools.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PoolSizes {
     /// Samples of a brick slot per axis.
     pub brick_side: u32,
+    /// What is stored of a sample; where that is more than a brick has, the rest is unused.
+    pub layers: Layers,
     /// Brick slots per axis.
     pub slots: [u32; 3],
     /// Node tiles; tile 0 is the null tile.
@@ -39,11 +38,12 @@ impl PoolSizes {
     pub fn fit(
         budget: u64,
         sample_layout: SampleLayout,
+        layers: Layers,
         limits: &wgpu::Limits,
     ) -> Result<Self, RuntimeError> {
         let side = sample_layout.side();
         // A brick slot with its stamp, and two node tiles with theirs.
-        let per_brick = sample_layout.samples() as u64 * SAMPLE_BYTES + 4 + 2 * (64 + 4);
+        let per_brick = (sample_layout.samples() * layers.sample_bytes()) as u64 + 4 + 2 * (64 + 4);
         let wanted = budget / per_brick;
         let most_per_axis = limits.max_texture_dimension_3d / side;
         // A tile has 64 bytes, in one storage binding.
@@ -68,6 +68,7 @@ impl PoolSizes {
         let tiles = (bricks * 2 + 64).min(binding / 64).min(1 << 27) as u32;
         Ok(Self {
             brick_side: side,
+            layers,
             slots,
             tiles,
         })
@@ -78,9 +79,9 @@ impl PoolSizes {
         self.slots.iter().product()
     }
 
-    /// Bytes of a brick.
+    /// Bytes of a brick slot in the textures.
     pub fn brick_bytes(&self) -> u64 {
-        u64::from(self.brick_side).pow(3) * SAMPLE_BYTES
+        u64::from(self.brick_side).pow(3) * self.layers.sample_bytes() as u64
     }
 
     /// Bytes on the device.
@@ -112,6 +113,8 @@ pub struct PoolMemory {
     pub(crate) tile_stamps: wgpu::Buffer,
     pub(crate) color: wgpu::TextureView,
     pub(crate) normal: wgpu::TextureView,
+    /// One texel where no brick has opacities against the axes.
+    pub(crate) opacity: wgpu::TextureView,
     scatter_nodes: wgpu::ComputePipeline,
     scatter_bricks: wgpu::ComputePipeline,
     node_bindings: wgpu::BindGroup,
@@ -131,8 +134,8 @@ impl PoolMemory {
     pub fn new(gpu: &Gpu, sizes: PoolSizes) -> Result<Self, RuntimeError> {
         use wgpu::{BufferUsages as B, TextureFormat as F, TextureUsages as T};
         let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-        let [x, y, z] = sizes.slots.map(|s| s * sizes.brick_side);
-        let texture = |label, format, sampled: F| {
+        let pool = sizes.slots.map(|s| s * sizes.brick_side);
+        let texture = |label, [x, y, z]: [u32; 3], format, sampled: F| {
             let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
                 label: Some(label),
                 size: wgpu::Extent3d {
@@ -163,12 +166,16 @@ impl PoolMemory {
                 view(format, T::STORAGE_BINDING),
             )
         };
-        let (color, color_store) = texture("brick colours", F::Rgba8Unorm, F::Rgba8UnormSrgb);
-        let (normal, normal_store) = texture("brick normals", F::Rgba8Snorm, F::Rgba8Snorm);
+        let (color, color_store) = texture("brick colours", pool, F::Rgba8Unorm, F::Rgba8UnormSrgb);
+        let (normal, normal_store) = texture("brick normals", pool, F::Rgba8Snorm, F::Rgba8Snorm);
+        let opacities = match sizes.layers {
+            Layers::Plain => [1; 3],
+            Layers::Axes => pool,
+        };
+        let (opacity, opacity_store) = texture("brick opacities", opacities, F::Rgba8Unorm, F::Rgba8Unorm);
         let nodes = gpu.buffer("node pool", u64::from(sizes.tiles) * 64, B::STORAGE);
         let brick_stamps = gpu.buffer("brick stamps", u64::from(sizes.bricks()) * 4, B::STORAGE);
         let tile_stamps = gpu.buffer("tile stamps", u64::from(sizes.tiles) * 4, B::STORAGE);
-        let brick_bytes = u64::from(sizes.brick_side).pow(3) * 8;
         let uniform = gpu.buffer(
             "scatter",
             size_of::<layout::Scatter>() as u64,
@@ -186,7 +193,7 @@ impl PoolMemory {
         );
         let brick_data = gpu.buffer(
             "brick data",
-            MAX_UPLOAD_BRICKS as u64 * brick_bytes,
+            MAX_UPLOAD_BRICKS as u64 * sizes.brick_bytes(),
             B::STORAGE | B::COPY_DST,
         );
         let scatter_nodes = gpu.compute_pipeline("scatter nodes", SCATTER, "scatter_nodes");
@@ -207,6 +214,7 @@ impl PoolMemory {
                 (4, brick_data.as_entire_binding()),
                 (5, wgpu::BindingResource::TextureView(&color_store)),
                 (6, wgpu::BindingResource::TextureView(&normal_store)),
+                (7, wgpu::BindingResource::TextureView(&opacity_store)),
             ],
         );
         if let Some(error) = pollster::block_on(scope.pop()) {
@@ -223,6 +231,7 @@ impl PoolMemory {
             tile_stamps,
             color,
             normal,
+            opacity,
             scatter_nodes,
             scatter_bricks,
             node_bindings,
@@ -254,7 +263,7 @@ impl PoolMemory {
             nodes: nodes.len() as u32,
             bricks: bricks.len() as u32,
             brick_side: self.sizes.brick_side,
-            pad: 0,
+            words: self.sizes.layers.sample_bytes() as u32 / 4,
             slots: [self.sizes.slots[0], self.sizes.slots[1], self.sizes.slots[2], 0],
         };
         let queue = &gpu.queue;
@@ -265,7 +274,7 @@ impl PoolMemory {
         queue.write_buffer(&self.brick_slots, 0, bytemuck::cast_slice(&self.staging));
         let samples = (self.sizes.brick_side as usize).pow(3);
         for (k, upload) in bricks.iter().enumerate() {
-            let at = (k * samples * 8) as u64;
+            let at = k as u64 * self.sizes.brick_bytes();
             let brick = upload.brick as usize;
             queue.write_buffer(
                 &self.brick_data,
@@ -277,6 +286,9 @@ impl PoolMemory {
                 at + samples as u64 * 4,
                 bytemuck::cast_slice(upload.chunk.brick_normal(brick)),
             );
+            if let (Layers::Axes, Some(opacity)) = (self.sizes.layers, upload.chunk.brick_opacity(brick)) {
+                queue.write_buffer(&self.brick_data, at + samples as u64 * 8, opacity.as_flattened());
+            }
         }
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some("upload"),
@@ -292,6 +304,6 @@ impl PoolMemory {
             pass.set_bind_group(0, &self.node_bindings, &[]);
             pass.dispatch_workgroups((nodes.len() as u32).div_ceil(64), 1, 1);
         }
-        (nodes.len() * 16 + bricks.len() * (samples * 8 + 4)) as u64
+        nodes.len() as u64 * 16 + bricks.len() as u64 * (self.sizes.brick_bytes() + 4)
     }
 }

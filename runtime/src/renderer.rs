@@ -151,7 +151,12 @@ impl Renderer {
         terrain: Terrain,
         config: RendererConfig,
     ) -> Result<Self, RuntimeError> {
-        let sizes = PoolSizes::fit(config.gpu_budget, terrain.layout, &gpu.device.limits())?;
+        let sizes = PoolSizes::fit(
+            config.gpu_budget,
+            terrain.layout,
+            terrain.layers,
+            &gpu.device.limits(),
+        )?;
         let memory = PoolMemory::new(&gpu, sizes)?;
         let caster = Caster::new(&gpu, &memory)?;
         let pager = Pager::new(

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use brickfell_culler::{Aabb, GroupId, SceneBuilder, SceneGraph, TreeId};
+use brickfell_formats::bricks;
+use brickfell_formats::chunk::Layers;
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::octree::TreeHeader;
 use brickfell_formats::scene::{Group, PagedOctTree, Scene};
@@ -52,6 +54,9 @@ pub struct Terrain {
     pub graph: SceneGraph,
     /// Where samples lie in the bricks of the first readable tree; a scene has one layout.
     pub layout: SampleLayout,
+    /// What the pools must hold of a sample: what the first root brick that can be read has. A scene's trees agree, else
+    /// opacities against the axes are left out and the largest of them counts.
+    pub layers: Layers,
     /// Trees that could not be placed, one line each; they are left out of the graph.
     pub faults: Vec<String>,
 }
@@ -82,6 +87,16 @@ pub fn read_header(store: &dyn Store, name: &str) -> Result<TreeHeader, TerrainE
         .header)
 }
 
+/// What is stored of the samples of a tree's root brick, if there is a readable one.
+fn root_layers(store: &dyn Store, tree: &str) -> Option<Layers> {
+    let name = bricks::brick_file_name(tree, 0);
+    let len = store.len(&name).ok()?;
+    let head = store
+        .read(&name, 0, len.min(bricks::HEADER_BYTES as u64) as usize)
+        .ok()?;
+    Some(bricks::decode_header(&head, len).ok()?.layers)
+}
+
 impl Terrain {
     /// Reads `scene.xml` and, where it gives no bounds, the trees' headers.
     ///
@@ -105,6 +120,10 @@ impl Terrain {
             .iter()
             .find_map(|name| read_header(store.as_ref(), name).ok())
             .map_or(SampleLayout::Centre, |h| h.layout);
+        let layers = trees
+            .iter()
+            .find_map(|name| root_layers(store.as_ref(), name))
+            .unwrap_or_default();
         let mut opening = Opening {
             store: store.as_ref(),
             builder: SceneGraph::builder(),
@@ -123,6 +142,7 @@ impl Terrain {
             trees,
             graph,
             layout,
+            layers,
             faults,
         })
     }

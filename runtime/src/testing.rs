@@ -105,6 +105,7 @@ fn brick_file(
             layout,
             color: Vec::new(),
             normal: Vec::new(),
+            opacity: Vec::new(),
         };
         for brick in bricks {
             chunk.mask |= 1 << morton::encode(*brick % 4);

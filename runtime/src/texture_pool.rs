@@ -11,9 +11,10 @@ use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use brickfell_culler::TreeId;
+use brickfell_formats::chunk::Layers;
 use brickfell_formats::octree::NodeData;
 use brickfell_pager::{PageKey, Pager, TreeState};
-use brickfell_shaders::layout::{BRICK, TERMINAL};
+use brickfell_shaders::layout::{AXES, BRICK, POINTER, TERMINAL};
 
 use crate::caster::Feedback;
 use crate::memory::{BrickUpload, MAX_UPLOAD_BRICKS, MAX_UPLOAD_NODES, PoolSizes};
@@ -370,7 +371,10 @@ impl TexturePoolManager {
             node,
             last_used: frame,
         };
-        self.word(node)[1] = slot + 1;
+        let told_apart = (chunk.layers(), self.sizes.layers) == (Layers::Axes, Layers::Axes);
+        let word = self.word(node);
+        word[0] = word[0] & !AXES | if told_apart { AXES } else { 0 };
+        word[1] = slot + 1;
         self.bricks.push(BrickUpload { slot, chunk, brick });
         Some(())
     }
@@ -431,7 +435,7 @@ impl TexturePoolManager {
     fn remove_tile(&mut self, tile: u32) {
         let entry = self.tiles[tile as usize];
         for [structure, data] in entry.words {
-            let child = structure & !(TERMINAL | BRICK);
+            let child = structure & POINTER;
             if child != 0 {
                 self.remove_tile(child);
             }
@@ -441,7 +445,7 @@ impl TexturePoolManager {
             }
         }
         if entry.parent != NONE {
-            self.word(entry.parent)[0] &= TERMINAL | BRICK;
+            self.word(entry.parent)[0] &= !POINTER;
         }
         self.tile_of.remove(&(entry.tree, entry.level, entry.index));
         self.tiles[tile as usize] = EMPTY_TILE;

@@ -97,8 +97,8 @@ pub struct Scatter {
     pub bricks: u32,
     /// Samples of a brick per axis.
     pub brick_side: u32,
-    /// Unused.
-    pub pad: u32,
+    /// Words of a sample in the upload: 2, or 3 where bricks have opacities against the axes.
+    pub words: u32,
     /// Brick slots per axis; w unused.
     pub slots: [u32; 4],
 }
@@ -109,6 +109,10 @@ const _: () = assert!(size_of::<Frame>() == 176 && size_of::<Tree>() == 96 && si
 pub const TERMINAL: u32 = 1 << 31;
 /// Bit of a node's first word: the node has a brick.
 pub const BRICK: u32 = 1 << 30;
+/// Bit of a node's first word: its brick has opacities against the axes.
+pub const AXES: u32 = 1 << 29;
+/// Bits of a node's first word: the tile of its children in the pool.
+pub const POINTER: u32 = AXES - 1;
 
 /// Words of the counters at the head of the read-back.
 pub const COUNTER_WORDS: usize = 16;

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use brickfell::build::{BuildArgs, HeightInput, Silent, build};
+use brickfell::build::{BuildArgs, Filter, HeightInput, Silent, build};
 use brickfell::input::demo::{DemoInput, write_demo};
 use brickfell::input::{HeightMap, HeightOptions, load_layer};
 use brickfell_formats::layout::SampleLayout;
@@ -25,7 +25,7 @@ pub struct Demo {
     _lock: File,
     input: DemoInput,
     ground: HeightMap,
-    built: HashMap<(u32, SampleLayout), World>,
+    built: HashMap<(u32, SampleLayout, Filter), World>,
 }
 
 impl Demo {
@@ -59,10 +59,20 @@ impl Demo {
     /// # Panics
     /// If the build fails or says that something is missing.
     pub fn world(&mut self, tree_voxels: u32, layout: SampleLayout) -> World {
-        if let Some(world) = self.built.get(&(tree_voxels, layout)) {
+        self.filtered_world(tree_voxels, layout, Filter::default())
+    }
+
+    /// The same by a filter.
+    ///
+    /// # Panics
+    /// As [`Self::world`].
+    pub fn filtered_world(&mut self, tree_voxels: u32, layout: SampleLayout, filter: Filter) -> World {
+        if let Some(world) = self.built.get(&(tree_voxels, layout, filter)) {
             return world.clone();
         }
-        let out = self.folder.join(format!("{tree_voxels}-{layout:?}"));
+        let out = self
+            .folder
+            .join(format!("{tree_voxels}-{layout:?}-{}", filter.name()));
         let mut args = BuildArgs::new(&out);
         args.inputs = self.input.meshes.clone();
         args.heights = vec![HeightInput {
@@ -72,10 +82,11 @@ impl Demo {
         args.voxel = Some(VOXEL);
         args.tree_voxels = tree_voxels;
         args.layout = layout;
+        args.filter = filter;
         let report = build(&args, &Silent).unwrap();
         assert!(report.warnings.is_empty(), "{:?}", report.warnings);
         let world = World::open(&out);
-        self.built.insert((tree_voxels, layout), world.clone());
+        self.built.insert((tree_voxels, layout, filter), world.clone());
         world
     }
 

@@ -68,7 +68,8 @@ fn read(file: &[u8]) {
 
 fn decode(index: &bricks::BrickIndex, k: usize, bytes: &[u8]) -> Option<Chunk> {
     let mask = index.chunks.get(k)?.mask;
-    Chunk::decode(bytes, mask, index.header.layout, index.header.encoding).ok()
+    let header = index.header;
+    Chunk::decode(bytes, mask, header.layout, header.layers, header.encoding).ok()
 }
 
 fuzz_target!(|data: &[u8]| {

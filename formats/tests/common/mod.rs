@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "each test program uses some of these")]
 
 use brickfell_formats::bricks::{BrickFileWriter, HEADER_BYTES};
-use brickfell_formats::chunk::{Chunk, Encoding, brick_positions};
+use brickfell_formats::chunk::{Chunk, Encoding, Layers, brick_positions};
 use brickfell_formats::layout::{BRICK_VOXELS, SampleLayout};
 use brickfell_formats::octree::{Node, NodeData, Octree, TreeHeader};
 use glam::{DVec3, UVec3};
@@ -125,6 +125,7 @@ pub(crate) fn chunk_of(mask: u64, layout: SampleLayout, seed: u64, flat: bool) -
         layout,
         color: Vec::new(),
         normal: Vec::new(),
+        opacity: Vec::new(),
     };
     for p in brick_positions(mask) {
         for i in 0..layout.samples() as u32 {
@@ -136,6 +137,15 @@ pub(crate) fn chunk_of(mask: u64, layout: SampleLayout, seed: u64, flat: bool) -
         }
     }
     chunk
+}
+
+/// Gives a chunk opacities against the axes; shared samples agree.
+pub(crate) fn add_opacity(chunk: &mut Chunk) {
+    chunk.opacity = chunk
+        .color
+        .iter()
+        .map(|[r, g, b, a]| [*a, *r, g ^ b, 0])
+        .collect();
 }
 
 /// A mask of 1, 2³ or 4³ places with at least one brick.
@@ -163,7 +173,8 @@ pub(crate) fn brick_file(
     chunks: &[(UVec3, Chunk)],
 ) -> Vec<u8> {
     let layout = chunks.first().map_or(SampleLayout::Centre, |(_, c)| c.layout);
-    let mut writer = BrickFileWriter::new(level, layout, chunk_log2, encoding);
+    let layers = chunks.first().map_or(Layers::Plain, |(_, c)| c.layers());
+    let mut writer = BrickFileWriter::new(level, layout, chunk_log2, encoding).with_layers(layers);
     let mut file = vec![0; HEADER_BYTES];
     for (position, chunk) in chunks {
         let payload = chunk.encode(encoding).expect("a valid chunk");

@@ -33,6 +33,8 @@ pub(super) struct Value {
     pub(super) alpha: f64,
     /// Mean normal times opacity, world axes.
     pub(super) normal: DVec3,
+    /// Stored opacities against the axes, the gain not applied, where they are told apart.
+    pub(super) axes: Option<DVec3>,
 }
 
 impl Value {
@@ -43,6 +45,7 @@ impl Value {
             rgb: DVec3::new(r, g, b),
             alpha,
             normal: DVec3::ZERO,
+            axes: None,
         }
     }
 
@@ -50,6 +53,7 @@ impl Value {
         rgb: DVec3::ZERO,
         alpha: 0.0,
         normal: DVec3::ZERO,
+        axes: None,
     };
 }
 
@@ -60,13 +64,16 @@ pub(super) struct Brick<'a> {
     pub(super) color: &'a [[u8; 4]],
     /// Stored normals.
     pub(super) normal: &'a [[i8; 4]],
+    /// Stored opacities against the axes, if there are any.
+    pub(super) opacity: Option<&'a [[u8; 4]]>,
     /// Where the samples lie.
     pub(super) layout: SampleLayout,
 }
 
 impl Brick<'_> {
     /// Trilinear value at a position in the brick (voxels of its level from its low corner, 0..8 per axis), which is
-    /// rounded to 1/256 voxel. `reads` counts the trilinear reads: one for an empty place, else colour and normal.
+    /// rounded to 1/256 voxel. `reads` counts the trilinear reads: one for an empty place, else
+    /// colour, normal, and the opacities if there are any.
     pub(super) fn value(&self, local: DVec3, reads: &mut u64) -> Value {
         let side = self.layout.side() as usize;
         let local = local.clamp(DVec3::ZERO, DVec3::splat(f64::from(BRICK_VOXELS)));
@@ -80,7 +87,7 @@ impl Brick<'_> {
         if corners.iter().all(|c| self.color[*c][3] == 0) {
             return Value::EMPTY;
         }
-        *reads += 1;
+        *reads += 1 + u64::from(self.opacity.is_some());
         let (linear, codes) = (&*LINEAR, &*NORMAL);
         let mut out = Value::EMPTY;
         for (k, corner) in corners.into_iter().enumerate() {
@@ -99,6 +106,11 @@ impl Brick<'_> {
             out.rgb += DVec3::from(color) * weight;
             out.normal += DVec3::from(normal) * weight;
             out.alpha += f64::from(a) / 255.0 * weight;
+            if let Some(opacity) = self.opacity {
+                let [x, y, z, _] = opacity[corner];
+                let axes = DVec3::from([x, y, z].map(f64::from)) / 255.0;
+                out.axes = Some(out.axes.unwrap_or_default() + axes * weight);
+            }
         }
         out
     }
@@ -152,13 +164,18 @@ impl Shading {
         }
     }
 
-    /// The layer of a segment that is `length` voxels of the value's level long.
-    pub(super) fn layer(&self, value: &Value, gain: f64, length: f64) -> Layer {
+    /// The layer of a segment that is `length` voxels of the value's level long, along a direction (of length 1).
+    pub(super) fn layer(&self, value: &Value, gain: f64, length: f64, direction: DVec3) -> Layer {
         if value.alpha <= 0.0 || length <= 0.0 {
             return [0.0; 4];
         }
         let a = (gain * value.alpha).min(1.0);
-        let opacity = -(length * (-a.min(MOST_OPAQUE)).ln_1p()).exp_m1();
+        let depth_of = |a: f64| -(-a.min(MOST_OPAQUE)).ln_1p();
+        let depth = match value.axes {
+            None => depth_of(a),
+            Some(axes) => (DVec3::from((gain * axes).to_array().map(depth_of)) * direction).length(),
+        };
+        let opacity = -(-length * depth).exp_m1();
         let [r, g, b] = (value.rgb * (opacity / value.alpha * self.light(value.normal, a))).to_array();
         [r, g, b, opacity]
     }

@@ -1,6 +1,6 @@
 //! One tree as the reference reads it: header at once; nodes, directories and chunks when a ray first needs them.
 //!
-//! Everything decoded is kept until the reference is dropped, as the bytes that are stored (8 per sample), so memory
+//! Everything decoded is kept until the reference is dropped, as the bytes that are stored (8 or 12 per sample), so memory
 //! grows with what the rays have seen. A page that cannot be read stays an error: every ray that needs it gets the same
 //! one. Any thread: two threads that need the same page wait for one of them to decode it.
 
@@ -125,6 +125,7 @@ impl Tree {
         Ok(Brick {
             color: chunk.brick_color(place as usize),
             normal: chunk.brick_normal(place as usize),
+            opacity: chunk.brick_opacity(place as usize),
             layout: chunk.layout,
         })
     }

@@ -334,7 +334,10 @@ impl<'t, 'r> Walk<'t, 'r> {
     fn layer(&self, value: &Value, level: u8, dz: f64) -> Layer {
         let header = &self.tree.header;
         let voxels = dz * self.ray.length / header.level_voxel_size(level);
-        self.ray.shading.layer(value, f64::from(header.gain), voxels)
+        let direction = self.ray.direction / self.ray.length;
+        self.ray
+            .shading
+            .layer(value, f64::from(header.gain), voxels, direction)
     }
 
     /// Adds a segment from here to `end` by the values in the middle of its parts; `pair` is the node's weight and its

@@ -74,7 +74,8 @@ impl Renderer {
                 && !self.feedback.is_truncated()
                 && report.pending == 0
                 && report.trees_waiting == 0
-                && settings.bias + self.bias.extra() == report.bias;
+                && settings.bias + self.bias.extra() == report.bias
+                && !self.bias.is_waiting();
             quiet = if calm { quiet + 1 } else { 0 };
             let asked = if self.feedback.is_truncated() {
                 usize::MAX

@@ -13,6 +13,7 @@ use flight::{DEPTH, Flight, TREES};
 
 fn sizes(slots: [u32; 3], tiles: u32) -> PoolSizes {
     PoolSizes {
+        layers: Default::default(),
         brick_side: 9,
         slots,
         tiles,

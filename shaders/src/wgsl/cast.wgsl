@@ -18,6 +18,8 @@
 @group(0) @binding(10) var<storage, read_write> counters: array<atomic<u32>>;
 @group(0) @binding(11) var<storage, read_write> requests: array<vec4<u32>>;
 
+@group(0) @binding(12) var brick_opacity: texture_3d<f32>;
+
 const MAX_LEVELS: u32 = 21u;
 // Requests that one ray may make.
 const MAX_REQUESTS: u32 = 16u;
@@ -25,6 +27,8 @@ const FAR: f32 = 1e30;
 const SATURATED: f32 = 1.0 / 1024.0;
 
 // A ray's state across trees.
+// Its direction, of length 1.
+var<private> heading: vec3<f32>;
 var<private> rgb: vec3<f32>;
 var<private> transmittance: f32;
 var<private> requests_left: u32;
@@ -60,8 +64,8 @@ fn convert_constant(word: u32, gain: f32, s: f32) -> Light {
     return Light(select(high, low, stored.rgb <= vec3(0.04045)) * (a / stored.a), a);
 }
 
-// `local`: position in the brick, voxels from its low corner.
-fn convert_brick(slot: u32, local: vec3<f32>, texel_offset: f32, gain: f32, s: f32) -> Light {
+// `local`: position in the brick, voxels from its low corner; `axes`: the brick has opacities against the axes.
+fn convert_brick(slot: u32, axes: bool, local: vec3<f32>, texel_offset: f32, gain: f32, s: f32) -> Light {
     let cell = vec3(slot % frame.slots.x, slot / frame.slots.x % frame.slots.y, slot / (frame.slots.x * frame.slots.y));
     // Rounded before the slot's offset is added: a brick gives the same bits in every slot.
     let rounded = floor(local * 256.0 + 0.5) / 256.0;
@@ -74,7 +78,14 @@ fn convert_brick(slot: u32, local: vec3<f32>, texel_offset: f32, gain: f32, s: f
     texture_reads += 1u;
     let n = textureSampleLevel(brick_normal, linear_sampler, uvw, 0.0).xyz;
     let opacity = min(1.0, gain * stored.a);
-    let a = path_opacity(opacity, s);
+    var a: f32;
+    if (axes) {
+        texture_reads += 1u;
+        let opacities = textureSampleLevel(brick_opacity, linear_sampler, uvw, 0.0).xyz;
+        a = path_opacity_axes(min(vec3(1.0), gain * opacities), heading, s);
+    } else {
+        a = path_opacity(opacity, s);
+    }
     return Light(stored.rgb * (a / stored.a * sun_light(n, opacity)), a);
 }
 
@@ -82,7 +93,7 @@ fn convert(word: vec2<u32>, local: vec3<f32>, texel_offset: f32, gain: f32, s: f
     if ((word.x & BRICK) == 0u) {
         return convert_constant(word.y, gain, s);
     }
-    return convert_brick(word.y - 1u, local, texel_offset, gain, s);
+    return convert_brick(word.y - 1u, (word.x & AXES) != 0u, local, texel_offset, gain, s);
 }
 
 // The node shows something of its own: a constant, or a brick that is resident.
@@ -324,6 +335,7 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     let screen = frame.screen_origin + frame.screen_step * vec2<f32>(id.xy);
     let direction = frame.forward.xyz + screen.x * frame.right.xyz + screen.y * frame.up.xyz;
     let path_length = length(direction);
+    heading = direction / path_length;
     // Which tiles may ask goes round, so that a full list does not starve the same ones for ever.
     let tile = id.x / 8u + id.y / 8u * 61u;
     requests_left = select(0u, MAX_REQUESTS, (tile + frame.frame) % frame.request_share == 0u);

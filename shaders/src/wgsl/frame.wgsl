@@ -73,11 +73,12 @@ struct Tree {
     pad2: u32,
 }
 
-// Node words: x: bit 31 terminal, bit 30 brick, else the child tile (0: none resident); y: colour, or brick slot + 1 (0: not
+// Node words: x: bit 31 terminal, bit 30 brick, bit 29 the brick has opacities against the axes, else the child tile (0: none resident); y: colour, or brick slot + 1 (0: not
 // resident).
 const TERMINAL: u32 = 0x80000000u;
 const BRICK: u32 = 0x40000000u;
-const POINTER: u32 = 0x3fffffffu;
+const AXES: u32 = 0x20000000u;
+const POINTER: u32 = 0x1fffffffu;
 
 // A request: x: 1 + index of the tree in the list (16 bits) | level << 16; y, z: node coordinates, 20 bits each:
 // y = x | low 12 bits of y << 20, z = high 8 bits of y | z << 8.

@@ -6,7 +6,8 @@ struct Scatter {
     bricks: u32,
     // Samples of a brick per axis.
     brick_side: u32,
-    pad: u32,
+    // Words of a sample: 2, or 3 where bricks have opacities against the axes.
+    words: u32,
     // Brick slots per axis; w unused.
     slots: vec4<u32>,
 }
@@ -15,11 +16,12 @@ struct Scatter {
 // Index, then the two words.
 @group(0) @binding(1) var<storage, read> node_updates: array<vec4<u32>>;
 @group(0) @binding(2) var<storage, read_write> nodes: array<vec2<u32>>;
-// Slot of each brick, then for each brick its colours, then its normals.
+// Slot of each brick, then for each brick its colours, then its normals, then its opacities if there are any.
 @group(0) @binding(3) var<storage, read> brick_slots: array<u32>;
 @group(0) @binding(4) var<storage, read> brick_data: array<u32>;
 @group(0) @binding(5) var color_pool: texture_storage_3d<rgba8unorm, write>;
 @group(0) @binding(6) var normal_pool: texture_storage_3d<rgba8snorm, write>;
+@group(0) @binding(7) var opacity_pool: texture_storage_3d<rgba8unorm, write>;
 
 @compute @workgroup_size(64)
 fn scatter_nodes(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -40,7 +42,10 @@ fn scatter_bricks(@builtin(global_invocation_id) id: vec3<u32>) {
     let slot = brick_slots[id.y];
     let cell = vec3(slot % scatter.slots.x, slot / scatter.slots.x % scatter.slots.y, slot / (scatter.slots.x * scatter.slots.y));
     let p = cell * side + vec3(id.x % side, id.x / side % side, id.x / (side * side));
-    let at = id.y * 2u * count + id.x;
+    let at = id.y * scatter.words * count + id.x;
     textureStore(color_pool, p, unpack4x8unorm(brick_data[at]));
     textureStore(normal_pool, p, unpack4x8snorm(brick_data[at + count]));
+    if (scatter.words > 2u) {
+        textureStore(opacity_pool, p, unpack4x8unorm(brick_data[at + 2u * count]));
+    }
 }

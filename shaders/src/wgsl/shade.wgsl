@@ -4,15 +4,31 @@
 // in the value: were 1 opaque however short, rays that touch the edge of a voxel would show or miss it by a rounding.
 const MOST_OPAQUE: f32 = 1.0 - 1.0 / 2048.0;
 
-// Opacity over `s` voxels of a medium with opacity `a` across one: 1 - (1 - a)^s, kept exact where a is small.
-fn path_opacity(a: f32, s: f32) -> f32 {
+// Optical depth -ln(1 - a), kept exact where a is small.
+fn optical_depth(a: f32) -> f32 {
     if (a < 0.01) {
-        let tau = s * a * (1.0 + a * (0.5 + a * (1.0 / 3.0)));
-        if (tau < 0.02) {
-            return tau * (1.0 - tau * (0.5 - tau * (1.0 / 6.0)));
-        }
+        return a * (1.0 + a * (0.5 + a * (1.0 / 3.0)));
     }
-    return 1.0 - exp2(s * log2(1.0 - min(a, MOST_OPAQUE)));
+    return -0.6931472 * log2(1.0 - min(a, MOST_OPAQUE));
+}
+
+// Opacity 1 - exp(-depth), kept exact where it is small.
+fn opacity_of(depth: f32) -> f32 {
+    if (depth < 0.02) {
+        return depth * (1.0 - depth * (0.5 - depth * (1.0 / 6.0)));
+    }
+    return 1.0 - exp2(-1.442695 * depth);
+}
+
+// Opacity over `s` voxels of a medium with opacity `a` across one: 1 - (1 - a)^s.
+fn path_opacity(a: f32, s: f32) -> f32 {
+    return opacity_of(s * optical_depth(a));
+}
+
+// Opacity over `s` voxels of a medium with opacities `a` against the axes, along a direction of length 1.
+fn path_opacity_axes(a: vec3<f32>, direction: vec3<f32>, s: f32) -> f32 {
+    let depths = vec3(optical_depth(a.x), optical_depth(a.y), optical_depth(a.z));
+    return opacity_of(s * length(depths * direction));
 }
 
 // Light on a sample with premultiplied mean normal `n` and opacity `a`: unlit where there is no normal.

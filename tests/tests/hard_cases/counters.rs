@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use brickfell_formats::chunk::Layers;
 use brickfell_runtime::caster::{Caster, REQUEST_CAPACITY};
 use brickfell_runtime::memory::{PoolMemory, PoolSizes};
 use brickfell_runtime::picture::RayCounters;
@@ -41,7 +42,7 @@ fn pixels_that_are_not_finite_are_counted() {
 /// Casts 8×8 rays through one tree of a single empty brick, of which the record may be changed.
 fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
     let gpu = world::gpu();
-    let sizes = PoolSizes::fit(1 << 20, Centre, &gpu.device.limits()).unwrap();
+    let sizes = PoolSizes::fit(1 << 20, Centre, Layers::Plain, &gpu.device.limits()).unwrap();
     let mut memory = PoolMemory::new(&gpu, sizes).unwrap();
     let mut caster = Caster::new(&gpu, &memory).unwrap();
     caster.resize(&gpu, &memory, 8, 8).unwrap();

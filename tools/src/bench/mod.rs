@@ -6,6 +6,8 @@
 
 pub mod agreement;
 pub mod caster;
+mod filter_scenes;
+pub mod filters;
 pub mod layout;
 mod scenes;
 pub mod truth;
@@ -75,6 +77,11 @@ pub const SUITES: &[Suite] = &[
         name: "layout",
         about: "error and memory of the two sample layouts",
         run: layout::rows,
+    },
+    Suite {
+        name: "filters",
+        about: "error and memory of the builder's filters, against the truth",
+        run: filters::rows,
     },
     Suite {
         name: "truth",

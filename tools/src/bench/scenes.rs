@@ -83,10 +83,14 @@ pub(super) fn demo_input(folder: &Path) -> Result<DemoInput, CommandError> {
     Ok(write_demo(&folder.join("demo-input"), DEMO_SEED, DEFAULT_SIZE)?)
 }
 
+/// The hill terrain's height map and picture, written if they are not there.
+pub(super) fn hills_input(folder: &Path) -> Result<HeightInput, CommandError> {
+    write_hills(&folder.join("hills-input"), 1024)
+}
+
 /// Builds the hill terrain as one tree of `voxels` per axis, or finds it built.
 pub(super) fn hills(folder: &Path, voxels: u32, layout: SampleLayout) -> Result<PathBuf, CommandError> {
-    let input = folder.join("hills-input");
-    let heights = write_hills(&input, 1024)?;
+    let heights = hills_input(folder)?;
     let out = folder.join(format!("hills-{voxels}-{}", format!("{layout:?}").to_lowercase()));
     let mut args = BuildArgs::new(&out);
     args.heights = vec![heights];

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::blocks::{BlockColumn, Blocks, Dense, Slot, in_block, new_dense};
+use super::filter::{Cover, Level, thinned};
 use super::ground::{Ground, GroundGrid};
 use super::lattice::{CellBox, Lattice, SIDE, TreePlace};
 use super::overlap::for_each_cell;
@@ -27,6 +28,8 @@ pub(crate) struct Sources<'a> {
     pub(crate) surfaces: &'a Surfaces<'a>,
     /// Numbers, ascending, of the triangles that may meet the tree and its margin.
     pub(crate) triangles: &'a [u32],
+    /// Whether the filter asks for what samples cover.
+    pub(crate) covers: bool,
 }
 
 /// The tree's own cells that a surface meets.
@@ -64,19 +67,22 @@ impl Met {
     }
 }
 
+/// A column of blocks, and what their samples cover.
+type Column = (BlockColumn<Sample>, BlockColumn<Cover>);
+
 /// Voxelises the finest level.
-pub(crate) fn voxelise(sources: &Sources) -> (Blocks<Sample>, Met) {
+pub(crate) fn voxelise(sources: &Sources) -> (Level, Met) {
     let extent = sources.lattice.support(sources.place, 0).blocks();
     let tiles = tiles(&extent);
     let lists = triangles_by_tile(sources, &tiles);
-    let done: Vec<(Vec<BlockColumn<Sample>>, Met)> = tiles
+    let done: Vec<(Vec<Column>, Met)> = tiles
         .par_iter()
         .zip(&lists)
         .map(|(tile, list)| voxelise_tile(sources, tile, list))
         .collect();
     let width = extent.hi[0] - extent.lo[0];
     let count = width * (extent.hi[1] - extent.lo[1]);
-    let mut columns: Vec<BlockColumn<Sample>> = (0..count).map(|_| BlockColumn::default()).collect();
+    let mut columns: Vec<Column> = (0..count).map(|_| Default::default()).collect();
     let mut met = Met::default();
     for (tile, (tile_columns, tile_met)) in tiles.iter().zip(done) {
         met = met.with(&tile_met);
@@ -84,7 +90,9 @@ pub(crate) fn voxelise(sources: &Sources) -> (Blocks<Sample>, Met) {
             columns[((y - extent.lo[1]) * width + x - extent.lo[0]) as usize] = column;
         }
     }
-    (Blocks::new(&extent, columns), met)
+    let (samples, covers): (Vec<_>, Vec<_>) = columns.into_iter().unzip();
+    let covers = sources.covers.then(|| Blocks::new(&extent, covers));
+    (Level::finest(Blocks::new(&extent, samples), covers), met)
 }
 
 /// Cuts an extent (in blocks) into tiles.
@@ -158,6 +166,7 @@ struct Facets {
     sum: f32,
     rgb: [f32; 3],
     normal: [f32; 3],
+    cover: Cover,
 }
 
 impl Facets {
@@ -172,7 +181,7 @@ impl Facets {
     }
 }
 
-fn voxelise_tile(sources: &Sources, tile: &CellBox, triangles: &[u32]) -> (Vec<BlockColumn<Sample>>, Met) {
+fn voxelise_tile(sources: &Sources, tile: &CellBox, triangles: &[u32]) -> (Vec<Column>, Met) {
     let mut facets: BTreeMap<[i64; 3], Dense<Facets>> = BTreeMap::new();
     let clip = cells(tile);
     for number in triangles {
@@ -186,7 +195,12 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, triangles: &[u32]) -> (Vec<B
             if let Some(facet) = shader.facet(cell) {
                 let [x, y, z] = cell;
                 let block = [x.div_euclid(SIDE), y.div_euclid(SIDE), z.div_euclid(SIDE)];
-                facets.entry(block).or_insert_with(new_dense)[in_block(x, y, z)].add(&facet);
+                let facets = &mut facets.entry(block).or_insert_with(new_dense)[in_block(x, y, z)];
+                facets.add(&facet);
+                if sources.covers {
+                    let cover = thinned(shader.outline(cell), facet.skin, cell, number as i64);
+                    facets.cover = facets.cover.with(cover);
+                }
             }
         });
     }
@@ -204,19 +218,29 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, triangles: &[u32]) -> (Vec<B
             heights.sort_unstable();
             heights.dedup();
             let mut slots = Vec::with_capacity(heights.len());
+            let mut covers = BlockColumn::default();
             for z in heights {
                 let facets = with_facets
                     .binary_search_by_key(&z, |f| f.0)
                     .ok()
                     .map(|k| &**with_facets[k].1);
-                if let Some(dense) = column.block([x, y, z], facets, &own, &mut met) {
+                if let Some(dense) = column.block([x, y, z], facets, sources.covers, &own, &mut met) {
                     slots.push((z, Slot::Dense(dense)));
                 }
+                if let (true, Some(facets)) = (sources.covers, facets) {
+                    let mut dense = new_dense::<Cover>();
+                    dense
+                        .iter_mut()
+                        .zip(facets)
+                        .for_each(|(cover, f)| *cover = f.cover);
+                    covers.slots.push((z, Slot::Dense(dense)));
+                }
             }
-            BlockColumn {
+            let samples = BlockColumn {
                 solid: column.solid,
                 slots,
-            }
+            };
+            (samples, covers)
         })
         .collect();
     (columns, met)
@@ -287,6 +311,7 @@ impl GroundColumn {
         &self,
         block: [i64; 3],
         facets: Option<&[Facets; super::blocks::BLOCK]>,
+        covers: bool,
         own: &CellBox,
         met: &mut Met,
     ) -> Option<Dense<Sample>> {
@@ -300,7 +325,8 @@ impl GroundColumn {
             for i in 0..SIDE {
                 let z = block[2] * SIDE + i;
                 let at = i as usize * 64 + k;
-                let sample = self.sample(k, z, facets.map(|f| &f[at]).filter(|f| f.sum > 0.0));
+                let facets = facets.map(|f| &f[at]).filter(|f| f.sum > 0.0);
+                let sample = self.sample(k, z, facets, covers);
                 if sample.weight > 0.0 && own.contains([x, y, z]) {
                     met.add([x, y, z]);
                 }
@@ -312,7 +338,7 @@ impl GroundColumn {
     }
 
     #[inline]
-    fn sample(&self, k: usize, z: i64, facets: Option<&Facets>) -> Sample {
+    fn sample(&self, k: usize, z: i64, facets: Option<&Facets>, covers: bool) -> Sample {
         let mut look = Look::default();
         let mut sum = 0.0;
         for ground in self.layers.iter().filter_map(|l| l[k].as_ref()) {
@@ -339,7 +365,7 @@ impl GroundColumn {
             };
         }
         if let Some(f) = facets {
-            look.skin = f.skin;
+            look.skin = if covers { 0.0 } else { f.skin };
             look.weight = look.weight.max(f.alpha);
             sum += f.sum;
             for c in 0..3 {

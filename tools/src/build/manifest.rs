@@ -44,6 +44,7 @@ pub(crate) struct Arguments {
     pub(crate) layout: String,
     pub(crate) encoding: String,
     pub(crate) chunk_log2: u8,
+    pub(crate) filter: &'static str,
 }
 
 #[derive(Debug, Serialize)]

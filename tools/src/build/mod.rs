@@ -45,6 +45,7 @@ use brickfell_formats::octree::TreeHeader;
 use brickfell_formats::octree_binary;
 
 pub use error::BuildError;
+pub use filter::Filter;
 pub use progress::{IndicatifProgress, Progress, Silent};
 
 pub use crate::input::HeightInput;
@@ -85,6 +86,8 @@ pub struct BuildArgs {
     pub encoding: Encoding,
     /// Bricks per axis of a chunk are 2 to this power, at most 2.
     pub chunk_log2: u8,
+    /// How coarser levels are made of finer ones.
+    pub filter: Filter,
     /// Whether a database built from something else may be replaced.
     pub force: bool,
     /// Threads to work with; 0 is one per core.
@@ -105,6 +108,7 @@ impl BuildArgs {
             layout: DEFAULT_LAYOUT,
             encoding: Encoding::Zstd,
             chunk_log2: 2,
+            filter: Filter::default(),
             force: false,
             threads: 0,
         }
@@ -199,6 +203,12 @@ impl Inputs {
             plan: &plan,
             encoding: args.encoding,
             chunk_log2: args.chunk_log2,
+            // Without triangles there are no outlines, and no layer is to be stored of them.
+            filter: if surfaces.len() == 0 {
+                Filter::Double
+            } else {
+                args.filter
+            },
         };
         let mut report = BuildReport {
             voxel: lattice.voxel,
@@ -266,6 +276,7 @@ fn manifest(args: &BuildArgs, lattice: &Lattice) -> Result<Manifest, BuildError>
         layout: format!("{:?}", args.layout),
         encoding: format!("{:?}", args.encoding),
         chunk_log2: args.chunk_log2,
+        filter: args.filter.name(),
     };
     let mut files: Vec<(&'static str, &Path)> = args.inputs.iter().map(|p| ("mesh", p.as_path())).collect();
     for height in &args.heights {

@@ -16,7 +16,7 @@ use glam::UVec3;
 use super::ground::Hints;
 use super::lattice::{Lattice, SIDE, TreePlace};
 use super::sample::{Look, Sample};
-use super::texels::{Likeness, TexelLevel, likeness};
+use super::texels::{Likeness, TexelLevel};
 
 /// What is known about a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,8 +121,8 @@ pub(crate) fn level_nodes(
                 if texels.mixed([base[0] + low, base[1] + low, base[2] + low + SIDE * i64::from(z)]) {
                     return (z, State::Brick);
                 }
-                texels.gather([base[0], base[1], base[2] + SIDE * i64::from(z)], n, cube);
-                let own = match likeness(cube) {
+                let base = [base[0], base[1], base[2] + SIDE * i64::from(z)];
+                let own = match texels.likeness(base, n, cube) {
                     Likeness::Mixed => return (z, State::Brick),
                     Likeness::Equal(color) => State::Constant { color, deep: false },
                     Likeness::Deep => State::Constant { color, deep: true },

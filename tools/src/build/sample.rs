@@ -11,9 +11,10 @@ use super::ground::Hint;
 
 /// Full solid.
 pub(crate) const SOLID: u16 = u16::MAX;
-/// Code of skin 1; a skin of 2 is the most.
+/// Code of skin 1.
 const SKIN_ONE: f32 = 32767.0;
-const SKIN_MAX: f32 = 2.0;
+/// Most of a skin: opaque at every phase of the interpolation.
+pub(crate) const SKIN_MAX: f32 = 2.0;
 const NORMAL_ONE: f32 = 32767.0;
 
 /// One sample: 20 bytes.
@@ -67,6 +68,19 @@ impl Sample {
         }
     }
 
+    /// Opacity of open surfaces, 0..2.
+    pub(crate) fn skin(&self) -> f32 {
+        f32::from(self.skin) / SKIN_ONE
+    }
+
+    /// The same with another skin.
+    pub(crate) fn with_skin(self, skin: f32) -> Self {
+        Self {
+            skin: code(skin.min(SKIN_MAX), SKIN_ONE),
+            ..self
+        }
+    }
+
     /// Whether nothing is there.
     pub(crate) fn is_empty(&self) -> bool {
         self.skin == 0 && self.solid == 0 && self.weight == 0.0
@@ -77,11 +91,21 @@ impl Sample {
         self.solid == SOLID && self.skin == 0 && self.weight == 0.0
     }
 
+    /// What is stored of its opacity if that against each axis is told apart.
+    pub(crate) fn opacities(&self, skins: [f32; 3]) -> [u8; 3] {
+        skins.map(|skin| (self.alpha(code(skin.min(SKIN_MAX), SKIN_ONE)) * 255.0 + 0.5) as u8)
+    }
+
+    /// The alpha to be stored with a skin.
+    fn alpha(&self, skin: u16) -> f32 {
+        let skin = f32::from(skin) * (127.5 / SKIN_ONE);
+        let solid = f32::from(self.solid) * (f32::from(SOLID_ALPHA) / f32::from(SOLID));
+        ((skin + solid) / 255.0).min(1.0)
+    }
+
     /// What is stored. `hint` is for solid that no surface gives colour and normal.
     pub(crate) fn texel(&self, hint: Hint) -> Texel {
-        let skin = f32::from(self.skin) * (127.5 / SKIN_ONE);
-        let solid = f32::from(self.solid) * (f32::from(SOLID_ALPHA) / f32::from(SOLID));
-        let alpha = ((skin + solid) / 255.0).min(1.0);
+        let alpha = self.alpha(self.skin);
         let (rgb, normal) = if self.weight > 0.0 {
             (
                 self.rgb.map(|c| f32::from(c) / 65535.0),
@@ -137,14 +161,25 @@ impl Mean {
         }
     }
 
-    /// The sample one level up. What counts for a skin is the part of the cross-section that it covers, not of the
-    /// volume: a plane through a voxel meets half of its eight parts, so the mean is doubled, and a skin stays a skin.
+    /// Mean of the skins, 0..2.
     #[inline]
-    pub(crate) fn sample(&self) -> Sample {
+    pub(crate) fn skin(&self) -> f32 {
+        self.skin / SKIN_ONE
+    }
+
+    /// Mean of the weights.
+    #[inline]
+    pub(crate) fn weight(&self) -> f32 {
+        self.weight
+    }
+
+    /// The sample one level up, with the skin that the filter gives it.
+    #[inline]
+    pub(crate) fn sample(&self, skin: f32) -> Sample {
         let inverse = if self.weight > 0.0 { 1.0 / self.weight } else { 0.0 };
         Sample {
             weight: self.weight,
-            skin: (2.0 * self.skin + 0.5).min(SKIN_MAX * SKIN_ONE) as u16,
+            skin: code(skin.min(SKIN_MAX), SKIN_ONE),
             solid: (self.solid + 0.5) as u16,
             rgb: self.rgb.map(|c| (c * inverse + 0.5) as u16),
             normal: self.normal.map(|c| signed_code(c * inverse)),
@@ -160,7 +195,7 @@ mod tests {
     fn mean(samples: &[Sample; 8]) -> Sample {
         let mut mean = Mean::default();
         samples.iter().for_each(|s| mean.add(s, 0.125));
-        mean.sample()
+        mean.sample(0.0)
     }
 
     #[test]
@@ -189,27 +224,6 @@ mod tests {
         );
         let c = decode_color(texel.color);
         assert!((c[1] - 0.5).abs() < 0.01 && c[2] == 0.0);
-    }
-
-    #[test]
-    fn a_flat_skin_stays_opaque_and_a_speck_fades() {
-        let skin = Sample::new(&Look {
-            skin: 2.0,
-            weight: 1.0,
-            ..Look::default()
-        });
-        let none = Sample::default();
-        let mut plane = mean(&[skin, skin, skin, skin, none, none, none, none]);
-        for _ in 0..10 {
-            plane = mean(&[plane, plane, plane, plane, none, none, none, none]);
-            assert!(plane.texel(Hint::default()).color[3] >= 254);
-        }
-        let mut speck = skin;
-        for _ in 0..5 {
-            speck = mean(&[speck, none, none, none, none, none, none, none]);
-        }
-        assert_eq!(speck.texel(Hint::default()).color[3], 0);
-        assert!(speck.weight > 0.0);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
+use super::filter::{Cover, outline};
 use super::lattice::Lattice;
 use super::overlap::closest_point;
 use crate::input::{Material, Mesh, Triangle};
@@ -103,6 +104,11 @@ pub(crate) struct Shader<'a> {
 }
 
 impl Shader<'_> {
+    /// What it covers of a cell.
+    pub(crate) fn outline(&self, cell: [i64; 3]) -> Cover {
+        outline(&self.local, self.base.to_array().map(|b| b as i64), cell)
+    }
+
     /// The look in a cell, taken at the triangle's nearest point to the cell's middle; `None` where it is clear.
     pub(crate) fn facet(&self, cell: [i64; 3]) -> Option<Facet> {
         let middle = DVec3::from_array(cell.map(|c| c as f64)) - self.base + 0.5;

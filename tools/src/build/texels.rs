@@ -2,17 +2,28 @@
 
 use rayon::prelude::*;
 
-use super::blocks::{Block, BlockColumn, Blocks, Slot, block_columns, in_block, new_dense};
+use brickfell_formats::chunk::Layers;
+use brickfell_formats::value::SOLID_ALPHA;
+
+use super::blocks::{BLOCK, Block, BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense};
+use super::filter::Skins;
 use super::ground::Hints;
 use super::lattice::{CellBox, SIDE};
 use super::sample::{Sample, Texel};
 
 /// The texels that a tree stores of one level.
 pub(crate) struct TexelLevel {
-    blocks: Blocks<Texel>,
     area: CellBox,
-    /// Texel of deep solid by column of cells of `area`.
-    solid: Vec<Texel>,
+    texels: Layer<Texel>,
+    /// Opacities against the axes, where they are told apart.
+    opacities: Option<Layer<[u8; 3]>>,
+}
+
+/// One kind of thing in all cells of a level.
+struct Layer<T> {
+    blocks: Blocks<T>,
+    /// That of deep solid by column of cells of the area.
+    solid: Vec<T>,
 }
 
 /// What a node's texels, apron included, have in common.
@@ -27,39 +38,37 @@ pub(crate) enum Likeness {
 }
 
 impl TexelLevel {
-    /// Stores the samples of an area (cells of the level).
-    pub(crate) fn new(samples: &Blocks<Sample>, hints: &Hints, area: CellBox) -> Self {
-        let extent = area.blocks();
-        let columns = block_columns(&extent)
-            .into_par_iter()
-            .map(|(x, y)| {
-                let column = samples.column(x, y);
-                let near = column
-                    .slots
-                    .iter()
-                    .filter(|s| (extent.lo[2]..extent.hi[2]).contains(&s.0));
-                let slots = near.map(|(z, slot)| (*z, store(slot, hints, x, y))).collect();
-                BlockColumn {
-                    solid: column.solid.clone(),
-                    slots,
-                }
-            })
-            .collect();
+    /// Stores the samples of an area (cells of the level), with their skins where those are not their own.
+    pub(crate) fn new(samples: &Blocks<Sample>, skins: Option<Skins>, hints: &Hints, area: CellBox) -> Self {
         let width = area.hi[0] - area.lo[0];
-        let solid = (0..width * (area.hi[1] - area.lo[1]))
+        let columns = width * (area.hi[1] - area.lo[1]);
+        let solid = (0..columns)
             .into_par_iter()
             .map(|k| Sample::DEEP.texel(hints.hint(area.lo[0] + k % width, area.lo[1] + k / width)))
             .collect();
+        let opacities = |skins: Skins| Layer {
+            blocks: store(samples, &area, |samples, at| {
+                let mut opacities = new_dense::<[u8; 3]>();
+                for (place, (opacity, sample)) in opacities.iter_mut().zip(samples.iter()).enumerate() {
+                    *opacity = sample.opacities(skins.at(cell_of(at, place)));
+                }
+                opacities
+            }),
+            solid: vec![[SOLID_ALPHA; 3]; columns as usize],
+        };
         Self {
-            blocks: Blocks::new(&extent, columns),
             area,
-            solid,
+            texels: Layer {
+                blocks: store(samples, &area, |samples, at| texels(samples, skins, hints, at)),
+                solid,
+            },
+            opacities: skins.filter(|s| s.axes).map(opacities),
         }
     }
 
     /// The blocks.
     pub(crate) fn blocks(&self) -> &Blocks<Texel> {
-        &self.blocks
+        &self.texels.blocks
     }
 
     /// Whether the own cells of a node, given by its first, are one block whose opacities differ: then nothing more
@@ -67,7 +76,7 @@ impl TexelLevel {
     pub(crate) fn mixed(&self, cell: [i64; 3]) -> bool {
         let [x, y, z] = cell.map(|c| c.div_euclid(SIDE));
         let aligned = cell.iter().all(|c| c % SIDE == 0);
-        match self.blocks.column(x, y).get(z) {
+        match self.blocks().column(x, y).get(z) {
             Block::Dense(texels) if aligned => {
                 let first = texels[0];
                 texels.iter().any(|t| t.color[3] != first.color[3])
@@ -78,14 +87,58 @@ impl TexelLevel {
 
     /// Copies the cube of `side`³ texels from `base` on, x fastest.
     pub(crate) fn gather(&self, base: [i64; 3], side: i64, out: &mut Vec<Texel>) {
+        self.texels.gather(&self.area, base, side, out);
+    }
+
+    /// Copies the opacities of such a cube; false if they are not told apart.
+    pub(crate) fn gather_opacities(&self, base: [i64; 3], side: i64, out: &mut Vec<[u8; 3]>) -> bool {
+        let Some(opacities) = &self.opacities else {
+            return false;
+        };
+        opacities.gather(&self.area, base, side, out);
+        true
+    }
+
+    /// What is stored of each texel.
+    pub(crate) fn layers(&self) -> Layers {
+        match &self.opacities {
+            None => Layers::Plain,
+            Some(_) => Layers::Axes,
+        }
+    }
+
+    /// What the texels of such a cube have in common.
+    pub(crate) fn likeness(&self, base: [i64; 3], side: i64, cube: &mut Vec<Texel>) -> Likeness {
+        self.gather(base, side, cube);
+        let Some(first) = cube.first() else {
+            return Likeness::Mixed;
+        };
+        if cube.iter().all(|t| t.deep) {
+            return Likeness::Deep;
+        }
+        let color = first.color;
+        let mut opacities = Vec::new();
+        let alike = cube.iter().all(|t| t.color == color && t.normal == [0; 3])
+            && (!self.gather_opacities(base, side, &mut opacities)
+                || opacities.iter().all(|o| *o == [color[3]; 3]));
+        if alike {
+            Likeness::Equal(color)
+        } else {
+            Likeness::Mixed
+        }
+    }
+}
+
+impl<T: Copy + Default> Layer<T> {
+    fn gather(&self, area: &CellBox, base: [i64; 3], side: i64, out: &mut Vec<T>) {
         out.clear();
-        out.resize((side * side * side) as usize, Texel::default());
+        out.resize((side * side * side) as usize, T::default());
         let blocks = CellBox {
             lo: base,
             hi: base.map(|b| b + side),
         }
         .blocks();
-        let width = self.area.hi[0] - self.area.lo[0];
+        let width = area.hi[0] - area.lo[0];
         for (bx, by) in block_columns(&blocks) {
             let column = self.blocks.column(bx, by);
             for bz in blocks.lo[2]..blocks.hi[2] {
@@ -98,7 +151,7 @@ impl TexelLevel {
                 let hi: [i64; 3] = std::array::from_fn(|k| ((b[k] + 1) * SIDE).min(base[k] + side));
                 let len = (hi[0] - lo[0]) as usize;
                 for y in lo[1]..hi[1] {
-                    let column_of_cells = ((y - self.area.lo[1]) * width + lo[0] - self.area.lo[0]) as usize;
+                    let column_of_cells = ((y - area.lo[1]) * width + lo[0] - area.lo[0]) as usize;
                     for z in lo[2]..hi[2] {
                         let to = (((z - base[2]) * side + y - base[1]) * side + lo[0] - base[0]) as usize;
                         let from = match &block {
@@ -113,42 +166,58 @@ impl TexelLevel {
     }
 }
 
-fn store(slot: &Slot<Sample>, hints: &Hints, x: i64, y: i64) -> Slot<Texel> {
-    let Slot::Dense(samples) = slot else {
-        return Slot::Solid;
-    };
-    let mut texels = new_dense::<Texel>();
-    for j in 0..SIDE {
-        for i in 0..SIDE {
-            let hint = hints.hint(x * SIDE + i, y * SIDE + j);
-            let deep = Sample::DEEP.texel(hint);
-            for k in 0..SIDE {
-                let at = in_block(i, j, k);
-                let sample = &samples[at];
-                texels[at] = match sample {
-                    s if s.is_empty() => Texel::default(),
-                    s if s.is_deep() => deep,
-                    s => s.texel(hint),
-                };
+/// Makes something of all dense blocks of samples in an area, given their samples and places.
+fn store<T: Send>(
+    samples: &Blocks<Sample>,
+    area: &CellBox,
+    make: impl Fn(&Dense<Sample>, [i64; 3]) -> Dense<T> + Sync,
+) -> Blocks<T> {
+    let extent = area.blocks();
+    let heights = extent.lo[2]..extent.hi[2];
+    let columns = block_columns(&extent)
+        .into_par_iter()
+        .map(|(x, y)| {
+            let column = samples.column(x, y);
+            let near = column.slots.iter().filter(|s| heights.contains(&s.0));
+            let slots = near.map(|(z, slot)| match slot {
+                Slot::Dense(samples) => (*z, Slot::Dense(make(samples, [x, y, *z]))),
+                Slot::Solid => (*z, Slot::Solid),
+            });
+            BlockColumn {
+                solid: column.solid.clone(),
+                slots: slots.collect(),
             }
-        }
-    }
-    Slot::Dense(texels)
+        })
+        .collect();
+    Blocks::new(&extent, columns)
 }
 
-/// What texels have in common.
-pub(crate) fn likeness(texels: &[Texel]) -> Likeness {
-    let Some(first) = texels.first() else {
-        return Likeness::Mixed;
-    };
-    if texels.iter().all(|t| t.deep) {
-        Likeness::Deep
-    } else if texels
-        .iter()
-        .all(|t| t.color == first.color && t.normal == [0; 3])
-    {
-        Likeness::Equal(first.color)
-    } else {
-        Likeness::Mixed
+/// The cell at an index of a block.
+fn cell_of(block: [i64; 3], place: usize) -> [i64; 3] {
+    let k = place as i64;
+    let [x, y, z] = block.map(|b| b * SIDE);
+    [x + k % SIDE, y + k / SIDE % SIDE, z + k / (SIDE * SIDE)]
+}
+
+fn texels(samples: &Dense<Sample>, skins: Option<Skins>, hints: &Hints, block: [i64; 3]) -> Dense<Texel> {
+    let mut texels = new_dense::<Texel>();
+    for column in 0..(SIDE * SIDE) as usize {
+        let [x, y, _] = cell_of(block, column);
+        let hint = hints.hint(x, y);
+        let deep = Sample::DEEP.texel(hint);
+        for place in (column..BLOCK).step_by((SIDE * SIDE) as usize) {
+            let sample = samples[place];
+            texels[place] = if sample.is_empty() {
+                Texel::default()
+            } else if sample.is_deep() {
+                deep
+            } else if let Some(skins) = skins {
+                let [a, b, c] = skins.at(cell_of(block, place));
+                sample.with_skin(a.max(b).max(c)).texel(hint)
+            } else {
+                sample.texel(hint)
+            };
+        }
     }
+    texels
 }

@@ -17,7 +17,7 @@ use brickfell_formats::value::BUILD_GAIN;
 use brickfell_formats::{morton, octree_binary};
 
 use super::error::BuildError;
-use super::filter;
+use super::filter::{Filter, Target};
 use super::finest::{Met, Sources, triangle_cells, voxelise};
 use super::ground::{GroundGrid, Hints};
 use super::lattice::{Lattice, TreePlace};
@@ -41,6 +41,7 @@ pub(crate) struct Terrain<'a> {
     pub(crate) plan: &'a Plan,
     pub(crate) encoding: Encoding,
     pub(crate) chunk_log2: u8,
+    pub(crate) filter: Filter,
 }
 
 /// Builds a tree into `folder`; `None` if nothing is in it, and then there is no folder.
@@ -76,8 +77,9 @@ pub(crate) fn build_tree(
         bottom: &|column| terrain.plan.bottom(column),
         surfaces: terrain.surfaces,
         triangles: &triangles,
+        covers: terrain.filter.covers(),
     });
-    if samples.is_empty_in(&lattice.own(place).blocks()) {
+    if samples.samples.is_empty_in(&lattice.own(place).blocks()) {
         return Ok(None);
     }
     let mut hints = Hints::finest(&grids, &support);
@@ -88,10 +90,22 @@ pub(crate) fn build_tree(
         if mip > 0 {
             let cells = lattice.support(place, mip);
             hints = hints.coarser(lattice.layout, &cells);
-            samples = filter::coarser(&samples, lattice.layout, &cells);
+            samples = samples.coarser(
+                terrain.filter,
+                &Target {
+                    layout: lattice.layout,
+                    mip,
+                    cells,
+                },
+            );
         }
         let level = lattice.depth - mip;
-        let texels = TexelLevel::new(&samples, &hints, lattice.stored(place, mip));
+        let texels = TexelLevel::new(
+            &samples.samples,
+            samples.skins(terrain.filter, level > 0),
+            &hints,
+            lattice.stored(place, mip),
+        );
         let nodes = level_nodes(lattice, place, level, &texels, &hints, levels.last());
         write_bricks(terrain, place, level, &texels, &nodes.bricks(), &mut writer)?;
         levels.push(nodes);
@@ -152,8 +166,9 @@ fn write_bricks(
             layout: lattice.layout,
             color: Vec::with_capacity(samples),
             normal: Vec::with_capacity(samples),
+            opacity: Vec::new(),
         };
-        let mut cube = Vec::new();
+        let (mut cube, mut opacities) = (Vec::new(), Vec::new());
         for brick in *bricks {
             chunk.mask |= 1 << morton::encode(*brick & within);
             let (base, side) = node_cube(lattice, place, level, *brick);
@@ -162,13 +177,19 @@ fn write_bricks(
             chunk
                 .normal
                 .extend(cube.iter().map(|t| [t.normal[0], t.normal[1], t.normal[2], 0]));
+            if texels.gather_opacities(base, side, &mut opacities) {
+                chunk
+                    .opacity
+                    .extend(opacities.iter().map(|[x, y, z]| [*x, *y, *z, 0]));
+            }
         }
         let payload = chunk
             .encode(terrain.encoding)
             .map_err(BuildError::format(&path))?;
         Ok((chunk.mask, payload))
     };
-    let mut index = BrickFileWriter::new(level, lattice.layout, terrain.chunk_log2, terrain.encoding);
+    let mut index = BrickFileWriter::new(level, lattice.layout, terrain.chunk_log2, terrain.encoding)
+        .with_layers(texels.layers());
     writer.try_file(&name, |file| {
         let io = |e| BuildError::io(&path)(e);
         file.write_all(&[0; HEADER_BYTES]).map_err(io)?;

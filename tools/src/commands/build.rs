@@ -11,7 +11,7 @@ use indicatif::HumanCount;
 use super::CommandError;
 use super::database::{folder_bytes, print};
 use super::input_args::InputArgs;
-use crate::build::{BuildArgs, BuildError, DEFAULT_TREE_VOXELS, IndicatifProgress, build};
+use crate::build::{BuildArgs, BuildError, DEFAULT_TREE_VOXELS, Filter, IndicatifProgress, build};
 
 /// Arguments of `build`.
 #[derive(Debug, clap::Args)]
@@ -37,6 +37,9 @@ pub struct Args {
     /// Where samples lie: in the centres of voxels or on their corners [default: the builder's, see docs/decisions.md]
     #[arg(long, value_enum)]
     pub layout: Option<Layout>,
+    /// How coarser levels are made of finer ones, as far as the opacity of open surfaces goes
+    #[arg(long, value_enum, default_value_t)]
+    pub filter: Filter,
 }
 
 /// Where samples lie.
@@ -62,6 +65,7 @@ impl Args {
                 Layout::Centre => SampleLayout::Centre,
                 Layout::Corner => SampleLayout::Corner,
             }),
+            filter: self.filter,
             force: self.force,
             threads: self.threads,
             ..defaults
@@ -133,7 +137,7 @@ mod tests {
     #[test]
     fn arguments_reach_the_builder() {
         let args = parse(
-            "a.obj --out db --voxel -1 --tree 64 --up y --height-unit ft --force --threads 3 --layout corner",
+            "a.obj --out db --voxel -1 --tree 64 --up y --height-unit ft --force --threads 3 --layout corner --filter pow",
         );
         let args = args.unwrap().build_args();
         assert_eq!(
@@ -142,8 +146,8 @@ mod tests {
         );
         assert_eq!(args.height_unit, Some(HeightUnit::Feet));
         assert_eq!(
-            (args.layout, args.force, args.threads),
-            (SampleLayout::Corner, true, 3)
+            (args.layout, args.force, args.threads, args.filter),
+            (SampleLayout::Corner, true, 3, Filter::Pow)
         );
         let default = parse("a.obj --out db").unwrap().build_args();
         assert_eq!(default.layout, BuildArgs::new("db").layout);

@@ -219,7 +219,7 @@ impl Flight {
                 let above = &pool.tiles[(entry.parent >> 3) as usize];
                 assert!(above.resident && above.level + 1 == entry.level && above.tree == entry.tree);
                 assert_eq!(
-                    pool.peek(entry.parent)[0] & !(TERMINAL | BRICK),
+                    pool.peek(entry.parent)[0] & POINTER,
                     tile,
                     "the parent points elsewhere"
                 );
@@ -238,7 +238,7 @@ impl Flight {
                     [structure, data],
                     "the device holds another word"
                 );
-                let child = structure & !(TERMINAL | BRICK);
+                let child = structure & POINTER;
                 assert!(child == 0 || pool.tiles[child as usize].parent == node);
                 if structure & BRICK != 0 && data != 0 {
                     shown += 1;
@@ -292,7 +292,7 @@ impl Flight {
         let mut path = vec![root];
         let mut node = root;
         loop {
-            let child = self.model.words[&node][0] & !(TERMINAL | BRICK);
+            let child = self.model.words[&node][0] & POINTER;
             if child == 0 || self.random.below(8) == 0 {
                 break;
             }

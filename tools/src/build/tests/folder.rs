@@ -20,37 +20,30 @@ fn args(folder: &Path, out: &str) -> BuildArgs {
 
 #[test]
 fn one_thread_or_two_make_the_same_bytes() {
-    let folder = tempfile::tempdir().unwrap();
-    let one = build(
-        &BuildArgs {
-            threads: 1,
-            ..args(folder.path(), "one")
-        },
-        &Silent,
-    )
-    .unwrap();
-    let two = build(
-        &BuildArgs {
-            threads: 2,
-            ..args(folder.path(), "two")
-        },
-        &Silent,
-    )
-    .unwrap();
-    assert_eq!(one, two);
-    assert!(one.trees > 10 && one.surface_voxels > 10_000, "{one:?}");
-    let (a, b) = (
-        files(&folder.path().join("one")),
-        files(&folder.path().join("two")),
-    );
-    assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>());
-    let trees_and_scene = |f: &PathBuf| f.to_string_lossy() != "build.json";
-    assert!(
-        a.iter()
-            .all(|(name, bytes)| !trees_and_scene(name) || b[name] == *bytes)
-    );
-    // The tilted triangle's column of trees has some that it does not meet.
-    assert!(a.contains_key(Path::new(EMPTY_TREES)));
+    for filter in Filter::value_variants() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = |threads, out| {
+            let args = BuildArgs {
+                threads,
+                filter: *filter,
+                ..args(folder.path(), out)
+            };
+            build(&args, &Silent).unwrap()
+        };
+        let (one, two) = (run(1, "one"), run(2, "two"));
+        assert_eq!(one, two);
+        assert!(one.trees > 10 && one.surface_voxels > 10_000, "{one:?}");
+        let [a, b] = ["one", "two"].map(|out| files(&folder.path().join(out)));
+        assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>());
+        let trees_and_scene = |f: &PathBuf| f.to_string_lossy() != "build.json";
+        assert!(
+            a.iter()
+                .all(|(name, bytes)| !trees_and_scene(name) || b[name] == *bytes),
+            "{filter:?}"
+        );
+        // The tilted triangle's column of trees has some that it does not meet.
+        assert!(a.contains_key(Path::new(EMPTY_TREES)));
+    }
 }
 
 #[test]

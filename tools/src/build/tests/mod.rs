@@ -1,5 +1,6 @@
 //! Tests of whole builds: what they share, and one module a topic.
 
+mod filters;
 mod folder;
 mod opacity;
 mod seams;
@@ -8,6 +9,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use clap::ValueEnum;
 use glam::{DVec2, DVec3, UVec3, Vec2};
 
 use brickfell_formats::octree::{NodeData, Octree};
@@ -21,8 +23,8 @@ use super::*;
 use crate::input::georef::Placement;
 use crate::input::{GeoTransform, Georef, HeightMap, Imagery, Layer, Material, Raster, Texture, Triangle};
 
-/// A stored sample: colour and normal.
-pub(crate) type Value = ([u8; 4], [i8; 3]);
+/// A stored sample: colour, normal, and opacities against the axes (the alpha where they are not told apart).
+pub(crate) type Value = ([u8; 4], [i8; 3], [u8; 3]);
 
 /// A height map of n × n pixels of a size with its low corner at a point; `height` is asked at pixel centres (metres).
 pub(crate) fn layer(n: u32, pixel: f64, corner: DVec2, height: impl Fn(f64, f64) -> f64) -> Layer {
@@ -94,9 +96,22 @@ pub(crate) fn build_into(
     tree: u32,
     layout: SampleLayout,
 ) -> BuildReport {
+    build_filtered(out, inputs, voxel, tree, layout, Filter::default())
+}
+
+/// Builds into a folder with a filter.
+pub(crate) fn build_filtered(
+    out: &Path,
+    inputs: &Inputs,
+    voxel: f64,
+    tree: u32,
+    layout: SampleLayout,
+    filter: Filter,
+) -> BuildReport {
     let args = BuildArgs {
         tree_voxels: tree,
         layout,
+        filter,
         ..BuildArgs::new(out)
     };
     let lattice = Lattice {
@@ -165,7 +180,13 @@ impl Db {
                         let payload = &file[entry.offset as usize..][..entry.length as usize];
                         let chunk = index.decode_chunk(chunk, payload).unwrap();
                         let (color, normal) = (chunk.brick_color(k as usize), chunk.brick_normal(k as usize));
-                        let values = color.iter().zip(normal).map(|(c, n)| (*c, [n[0], n[1], n[2]]));
+                        let opacity = chunk.brick_opacity(k as usize);
+                        let values = (0..color.len()).map(|i| {
+                            let ([.., a], [nx, ny, nz, _]) = (color[i], normal[i]);
+                            let axes = opacity.map_or([a; 3], |o| [o[i][0], o[i][1], o[i][2]]);
+                            assert_eq!(axes.iter().max(), Some(&a));
+                            (color[i], [nx, ny, nz], axes)
+                        });
                         self.put(place, level, p, values.collect());
                     }
                     NodeData::Constant(color) => {
@@ -179,7 +200,7 @@ impl Db {
                             for k in 0..n * n * n {
                                 let child = p * n + UVec3::new(k % n, k / n % n, k / n / n);
                                 let samples = self.lattice.layout.samples();
-                                self.put(place, finer, child, vec![(color, [0; 3]); samples]);
+                                self.put(place, finer, child, vec![(color, [0; 3], [color[3]; 3]); samples]);
                             }
                         }
                     }
@@ -239,6 +260,14 @@ pub(crate) fn files(out: &Path) -> std::collections::BTreeMap<PathBuf, Vec<u8>> 
         }
     }
     found
+}
+
+/// Both layouts with every filter.
+pub(crate) fn layouts_and_filters() -> impl Iterator<Item = (SampleLayout, Filter)> {
+    let layouts = [SampleLayout::Centre, SampleLayout::Corner];
+    layouts
+        .into_iter()
+        .flat_map(|l| Filter::value_variants().iter().map(move |f| (l, *f)))
 }
 
 /// A number in 0..256 that looks random.

@@ -1,6 +1,6 @@
 //! Borders, constants and the cut into trees.
 
-use super::super::filter;
+use super::super::filter::Target;
 use super::super::finest::{Sources, voxelise};
 use super::super::ground::{GroundGrid, Hints};
 use super::super::lattice::TreePlace;
@@ -10,9 +10,9 @@ use super::*;
 
 const VOXEL: f64 = 0.225;
 
-fn db(inputs: &Inputs, tree: u32, layout: SampleLayout) -> Db {
+fn db(inputs: &Inputs, tree: u32, layout: SampleLayout, filter: Filter) -> Db {
     let folder = tempfile::tempdir().unwrap();
-    build_into(folder.path(), inputs, VOXEL, tree, layout);
+    build_filtered(folder.path(), inputs, VOXEL, tree, layout, filter);
     Db::read(
         folder.path(),
         Lattice {
@@ -25,11 +25,11 @@ fn db(inputs: &Inputs, tree: u32, layout: SampleLayout) -> Db {
 
 #[test]
 fn large_and_small_trees_store_the_same_samples() {
-    for layout in [SampleLayout::Centre, SampleLayout::Corner] {
+    for (layout, filter) in layouts_and_filters() {
         // All of it in one large tree, and in 2×2 columns of small ones.
         let inputs = hills(DVec2::splat(5.0));
-        let large = db(&inputs, 128, layout);
-        let small = db(&inputs, 64, layout);
+        let large = db(&inputs, 128, layout, filter);
+        let small = db(&inputs, 64, layout, filter);
         assert_eq!((large.trees, small.trees), (1, 6));
         assert_eq!(large.surface_voxels, small.surface_voxels);
         // Solid goes down by root voxels, which are not the same; compare above.
@@ -40,7 +40,9 @@ fn large_and_small_trees_store_the_same_samples() {
         };
         let bottom = bottom(&large.lattice).max(bottom(&small.lattice));
         let mut compared = [0usize; 4];
-        for mip in 0..=3 {
+        // A root's voxels have no neighbours that are known, so skins by coverage are judged by other rules there.
+        let levels = if filter.covers() { 3 } else { 4 };
+        for mip in 0..levels {
             let above = |cell: [i64; 3]| (cell[2] - 1) << mip >= bottom;
             let keys = large.samples.keys().chain(small.samples.keys());
             for (_, cell) in keys.filter(|k| k.0 == mip && above(k.1)) {
@@ -48,29 +50,35 @@ fn large_and_small_trees_store_the_same_samples() {
                 // In the corner layout a sample on the outermost faces may belong to a tree that is not there.
                 if layout == SampleLayout::Centre || values.iter().all(Option::is_some) {
                     let [a, b] = values.map(Option::unwrap_or_default);
-                    assert!(same(a, b), "{layout:?} mip {mip} {cell:?}: {a:?} {b:?}");
+                    assert!(
+                        same(a, b),
+                        "{layout:?} {filter:?} mip {mip} {cell:?}: {a:?} {b:?}"
+                    );
                 }
                 compared[usize::from(mip)] += usize::from(values.iter().flatten().any(|v| v.0[3] > 0));
             }
         }
-        assert!(compared.iter().all(|n| *n > 30), "{compared:?}");
+        assert!(
+            compared[..usize::from(levels)].iter().all(|n| *n > 30),
+            "{compared:?}"
+        );
     }
 }
 
 #[test]
 fn neighbouring_trees_agree_about_the_samples_that_both_store() {
-    for layout in [SampleLayout::Centre, SampleLayout::Corner] {
+    for (layout, filter) in layouts_and_filters() {
         // Reading compares them, at all levels up to the root.
-        let db = db(&hills(DVec2::ZERO), 128, layout);
+        let db = db(&hills(DVec2::ZERO), 128, layout, filter);
         assert_eq!((db.trees, db.lattice.depth), (4, 4));
     }
 }
 
 #[test]
 fn constants_expand_to_what_bricks_would_store() {
-    for layout in [SampleLayout::Centre, SampleLayout::Corner] {
+    for (layout, filter) in layouts_and_filters() {
         let inputs = hills(DVec2::ZERO);
-        let db = db(&inputs, 64, layout);
+        let db = db(&inputs, 64, layout, filter);
         assert!(db.constants > 10);
         let lattice = db.lattice;
         let surfaces = Surfaces::new(&inputs.meshes, lattice);
@@ -90,19 +98,28 @@ fn constants_expand_to_what_bricks_would_store() {
                 bottom: &|c| plan.bottom(c),
                 surfaces: &surfaces,
                 triangles: &triangles,
+                covers: filter.covers(),
             });
             let mut hints = Hints::finest(&grids, &support);
             for mip in 0..=lattice.depth {
                 if mip > 0 {
                     let cells = lattice.support(*place, mip);
                     hints = hints.coarser(layout, &cells);
-                    samples = filter::coarser(&samples, layout, &cells);
+                    samples = samples.coarser(filter, &Target { layout, mip, cells });
                 }
                 let area = lattice.stored(*place, mip);
-                let texels = TexelLevel::new(&samples, &hints, area);
+                let texels = TexelLevel::new(
+                    &samples.samples,
+                    samples.skins(filter, mip < lattice.depth),
+                    &hints,
+                    area,
+                );
                 let (mut cube, side) = (Vec::new(), area.hi[0] - area.lo[0]);
                 texels.gather(area.lo, side, &mut cube);
+                let mut opacities = Vec::new();
+                texels.gather_opacities(area.lo, side, &mut opacities);
                 for (k, t) in cube.iter().enumerate() {
+                    let axes = opacities.get(k).copied().unwrap_or([t.color[3]; 3]);
                     let k = k as i64;
                     let cell = [
                         area.lo[0] + k % side,
@@ -111,7 +128,7 @@ fn constants_expand_to_what_bricks_would_store() {
                     ];
                     let stored = db.at(mip, cell);
                     assert!(
-                        same(stored, (t.color, t.normal)),
+                        same(stored, (t.color, t.normal, axes)),
                         "mip {mip} {cell:?}: {stored:?} {t:?}"
                     );
                 }
@@ -123,7 +140,7 @@ fn constants_expand_to_what_bricks_would_store() {
 #[test]
 fn cells_without_heights_are_empty_all_the_way_down() {
     let inputs = hills(DVec2::ZERO);
-    let db = db(&inputs, 64, SampleLayout::Centre);
+    let db = db(&inputs, 64, SampleLayout::Centre, Filter::default());
     let cell = |v: f64| (v / VOXEL).floor() as i64;
     let column =
         |x: f64, y: f64| -> Vec<u8> { (-40..40).map(|z| db.at(0, [cell(x), cell(y), z]).0[3]).collect() };
@@ -170,7 +187,8 @@ fn clear_texels_leave_no_voxels() {
 fn a_speck_is_found_below_levels_that_do_not_show_it() {
     let speck = sheet(DVec3::splat(30.1), DVec3::X * 0.01, DVec3::Y * 0.01, None);
     let folder = tempfile::tempdir().unwrap();
-    build_into(
+    // By coverage it does not show at the finest level either.
+    build_filtered(
         folder.path(),
         &Inputs {
             layers: vec![],
@@ -179,6 +197,7 @@ fn a_speck_is_found_below_levels_that_do_not_show_it() {
         0.25,
         256,
         SampleLayout::Centre,
+        Filter::Double,
     );
     let lattice = Lattice {
         voxel: 0.25,

@@ -81,6 +81,7 @@ fn fingerprint(chunk: &Chunk, k: usize, direction: IVec3) -> u64 {
         _ => 0..side - BRICK_VOXELS,
     };
     let (color, normal) = (chunk.brick_color(k), chunk.brick_normal(k));
+    let opacity = chunk.brick_opacity(k);
     let mut hasher = DefaultHasher::new();
     for z in range(direction.z) {
         for y in range(direction.y) {
@@ -88,6 +89,9 @@ fn fingerprint(chunk: &Chunk, k: usize, direction: IVec3) -> u64 {
                 let sample = ((z * side + y) * side + x) as usize;
                 hasher.write(&color[sample]);
                 hasher.write(&normal[sample].map(|v| v as u8));
+                if let Some(opacity) = opacity {
+                    hasher.write(&opacity[sample]);
+                }
             }
         }
     }
@@ -109,6 +113,7 @@ mod tests {
             layout,
             color: (0..side.pow(3)).map(|i| [value(at(i)); 4]).collect(),
             normal: vec![[0; 4]; layout.samples()],
+            opacity: Vec::new(),
         }
     }
 
