@@ -122,6 +122,14 @@ impl CellBox {
         }
     }
 
+    /// The box with so many more cells on each side.
+    pub(crate) fn grown(&self, by: i64) -> CellBox {
+        CellBox {
+            lo: self.lo.map(|v| v - by),
+            hi: self.hi.map(|v| v + by),
+        }
+    }
+
     /// Whether it has the cell.
     pub(crate) fn contains(&self, cell: [i64; 3]) -> bool {
         (0..3).all(|k| self.lo[k] <= cell[k] && cell[k] < self.hi[k])

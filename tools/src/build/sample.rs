@@ -119,7 +119,11 @@ impl Sample {
         Texel {
             color: stored.color,
             normal: [x, y, z],
-            deep: self.is_deep(),
+            matter: match () {
+                () if self.is_deep() => Matter::Deep,
+                () if self.weight > 0.0 => Matter::Surface,
+                () => Matter::Hinted,
+            },
         }
     }
 }
@@ -131,8 +135,20 @@ pub(crate) struct Texel {
     pub(crate) color: [u8; 4],
     /// Mean normal × opacity.
     pub(crate) normal: [i8; 3],
-    /// Solid all through, met by no surface: its colour and normal are only hints.
-    pub(crate) deep: bool,
+    /// Where its colour and normal are from.
+    pub(crate) matter: Matter,
+}
+
+/// What a texel's colour and normal are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Matter {
+    /// Those of the surfaces in it, or it is empty.
+    #[default]
+    Surface,
+    /// Hints: it is partly solid and no surface meets it.
+    Hinted,
+    /// Hints: solid all through, met by no surface.
+    Deep,
 }
 
 /// A weighted mean of samples, weights adding up to 1.
@@ -207,8 +223,8 @@ mod tests {
         };
         let deep = Sample::DEEP.texel(up);
         assert_eq!(
-            (deep.color[3], deep.normal, deep.deep),
-            (SOLID_ALPHA, [0, 0, 127], true)
+            (deep.color[3], deep.normal, deep.matter),
+            (SOLID_ALPHA, [0, 0, 127], Matter::Deep)
         );
         let skin = Look {
             skin: 2.0,
@@ -219,8 +235,8 @@ mod tests {
         };
         let texel = Sample::new(&skin).texel(Hint::default());
         assert_eq!(
-            (texel.color[3], texel.normal, texel.deep),
-            (SKIN_ALPHA, [0, 0, 127], false)
+            (texel.color[3], texel.normal, texel.matter),
+            (SKIN_ALPHA, [0, 0, 127], Matter::Surface)
         );
         let c = decode_color(texel.color);
         assert!((c[1] - 0.5).abs() < 0.01 && c[2] == 0.0);

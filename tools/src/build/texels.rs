@@ -3,17 +3,19 @@
 use rayon::prelude::*;
 
 use brickfell_formats::chunk::Layers;
-use brickfell_formats::value::SOLID_ALPHA;
+use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, srgb_to_linear};
 
 use super::blocks::{BLOCK, Block, BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense};
 use super::filter::Skins;
-use super::ground::Hints;
+use super::ground::{Hint, Hints};
 use super::lattice::{CellBox, SIDE};
-use super::sample::{Sample, Texel};
+use super::sample::{Matter, Sample, Texel};
 
 /// The texels that a tree stores of one level.
 pub(crate) struct TexelLevel {
     area: CellBox,
+    /// Whether the area has a cell more on each side than is stored, so that neighbours of all that is can be looked at.
+    ringed: bool,
     texels: Layer<Texel>,
     /// Opacities against the axes, where they are told apart.
     opacities: Option<Layer<[u8; 3]>>,
@@ -38,8 +40,19 @@ pub(crate) enum Likeness {
 }
 
 impl TexelLevel {
-    /// Stores the samples of an area (cells of the level), with their skins where those are not their own.
-    pub(crate) fn new(samples: &Blocks<Sample>, skins: Option<Skins>, hints: &Hints, area: CellBox) -> Self {
+    /// Stores the samples of an area (cells of the level), with their skins where those are not their own. `support` is what
+    /// the samples are known for.
+    pub(crate) fn new(
+        samples: &Blocks<Sample>,
+        skins: Option<Skins>,
+        hints: &Hints,
+        area: CellBox,
+        support: &CellBox,
+    ) -> Self {
+        let ring = area.grown(1);
+        // Skins are made of their neighbours', so the last cells of the support have none that are final.
+        let ringed = area.grown(2).intersection(support) == area.grown(2);
+        let area = if ringed { ring } else { area };
         let width = area.hi[0] - area.lo[0];
         let columns = width * (area.hi[1] - area.lo[1]);
         let solid = (0..columns)
@@ -58,6 +71,7 @@ impl TexelLevel {
         };
         Self {
             area,
+            ringed,
             texels: Layer {
                 blocks: store(samples, &area, |samples, at| texels(samples, skins, hints, at)),
                 solid,
@@ -85,9 +99,30 @@ impl TexelLevel {
         }
     }
 
-    /// Copies the cube of `side`³ texels from `base` on, x fastest.
+    /// Copies the cube of `side`³ texels from `base` on, x fastest. Deep solid beside surfaces gets their look: it is
+    /// interpolated with them, and at the foot of a cliff the ground above its column is the cliff's top.
     pub(crate) fn gather(&self, base: [i64; 3], side: i64, out: &mut Vec<Texel>) {
-        self.texels.gather(&self.area, base, side, out);
+        if !self.ringed {
+            return self.texels.gather(&self.area, base, side, out);
+        }
+        let (mut ring, n) = (Vec::new(), side + 2);
+        self.texels.gather(&self.area, base.map(|b| b - 1), n, &mut ring);
+        out.clear();
+        for z in 0..side {
+            for y in 0..side {
+                for x in 0..side {
+                    let at = ((z + 1) * n + y + 1) * n + x + 1;
+                    let texel = ring[at as usize];
+                    let above = ring[(at + n * n) as usize];
+                    let lone = [texel, above].iter().all(|t| t.matter == Matter::Deep);
+                    out.push(if lone {
+                        beside(&ring, at, n).unwrap_or(texel)
+                    } else {
+                        texel
+                    });
+                }
+            }
+        }
     }
 
     /// Copies the opacities of such a cube; false if they are not told apart.
@@ -109,11 +144,11 @@ impl TexelLevel {
 
     /// What the texels of such a cube have in common.
     pub(crate) fn likeness(&self, base: [i64; 3], side: i64, cube: &mut Vec<Texel>) -> Likeness {
-        self.gather(base, side, cube);
+        self.texels.gather(&self.area, base, side, cube);
         let Some(first) = cube.first() else {
             return Likeness::Mixed;
         };
-        if cube.iter().all(|t| t.deep) {
+        if cube.iter().all(|t| t.matter == Matter::Deep) {
             return Likeness::Deep;
         }
         let color = first.color;
@@ -127,6 +162,30 @@ impl TexelLevel {
             Likeness::Mixed
         }
     }
+}
+
+/// Deep solid with the mean look of the surfaces around it in a cube of `n`³ texels, if there are any.
+fn beside(cube: &[Texel], at: i64, n: i64) -> Option<Texel> {
+    let around = (-1..2).flat_map(|z| (-1..2).flat_map(move |y| (-1..2).map(move |x| (z * n + y) * n + x)));
+    let surfaces = around
+        .map(|offset| cube[(at + offset) as usize])
+        .filter(|t| t.matter == Matter::Surface && t.color[3] > 0);
+    let (mut rgb, mut normal, mut alpha, mut opacity) = ([0f32; 3], [0f32; 3], 0.0, 0.0);
+    for t in surfaces {
+        let a = f32::from(t.color[3]) / 255.0;
+        for k in 0..3 {
+            rgb[k] += srgb_to_linear(t.color[k]);
+            normal[k] += f32::from(t.normal[k]) / 127.0;
+        }
+        alpha += a;
+        opacity += (a * f32::from(BUILD_GAIN)).min(1.0);
+    }
+    (alpha > 0.0).then(|| {
+        Sample::DEEP.texel(Hint {
+            rgb: rgb.map(|c| c / alpha),
+            normal: normal.map(|c| c / opacity),
+        })
+    })
 }
 
 impl<T: Copy + Default> Layer<T> {

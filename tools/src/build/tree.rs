@@ -105,6 +105,7 @@ pub(crate) fn build_tree(
             samples.skins(terrain.filter, level > 0),
             &hints,
             lattice.stored(place, mip),
+            &lattice.support(place, mip),
         );
         let nodes = level_nodes(lattice, place, level, &texels, &hints, levels.last());
         write_bricks(terrain, place, level, &texels, &nodes.bricks(), &mut writer)?;

@@ -8,11 +8,12 @@ use brickfell_formats::layout::SampleLayout;
 use brickfell_pager::{FolderStore, Store};
 use brickfell_runtime::settings::RenderSettings;
 use brickfell_runtime::terrain::{Terrain, read_header};
+use clap::ValueEnum;
 use glam::{DVec2, DVec3};
 
 use super::super::Settings;
 use super::super::scenes::demo_input;
-use crate::build::{BuildArgs, DEFAULT_LAYOUT, Silent, build};
+use crate::build::{BuildArgs, DEFAULT_LAYOUT, Filter, Silent, build};
 use crate::commands::CommandError;
 use crate::input::Inputs;
 use crate::input::demo::DemoInput;
@@ -233,11 +234,18 @@ impl Scene {
             SampleLayout::Centre => SampleLayout::Corner,
             SampleLayout::Corner => SampleLayout::Centre,
         };
-        let name = format!("{other:?} layout").to_lowercase();
-        let folder = settings
-            .folder
-            .join(format!("truth-{}-{}", self.name, name.replace(' ', "-")));
-        built(input, &folder, |args| args.layout = other)?;
-        Ok(vec![Variant { name, folder }])
+        let variant = |name: String, change: &dyn Fn(&mut BuildArgs)| {
+            let folder = format!("truth-{}-{}", self.name, name.replace(' ', "-"));
+            let folder = settings.folder.join(folder);
+            built(input, &folder, change)?;
+            Ok(Variant { name, folder })
+        };
+        let layout = variant(format!("layout {other:?}").to_lowercase(), &|args| {
+            args.layout = other
+        });
+        let filters = (Filter::value_variants().iter())
+            .filter(|filter| **filter != Filter::default())
+            .map(|filter| variant(format!("filter {}", filter.name()), &|args| args.filter = *filter));
+        std::iter::once(layout).chain(filters).collect()
     }
 }
