@@ -185,3 +185,49 @@ fn a_dark_hint_under_bright_ground_does_not_show() {
         );
     }
 }
+
+#[test]
+fn the_colour_of_a_plateau_does_not_run_down_its_cliff() {
+    // A red cliff between green ground and a white plateau.
+    let step = || {
+        let step = layer(128, 0.25, DVec2::ZERO, |x, _| if x < 16.0 { 4.0 } else { 20.0 });
+        painted(step, |column, _| match column {
+            0..62 => [0, 255, 0],
+            62..66 => [255, 0, 0],
+            _ => [255; 3],
+        })
+    };
+    for layout in [SampleLayout::Corner, SampleLayout::Centre] {
+        let folder = tempfile::tempdir().unwrap();
+        let layers = vec![step()];
+        build_into(
+            folder.path(),
+            &Inputs {
+                layers,
+                meshes: vec![],
+            },
+            0.25,
+            128,
+            layout,
+        );
+        let lattice = Lattice {
+            voxel: 0.25,
+            depth: 4,
+            layout,
+        };
+        let db = Db::read(folder.path(), lattice);
+        // The two coarsest levels do not know the neighbours of all their voxels.
+        for mip in 0..=2u8 {
+            let (row, up) = (64 >> mip, 48 >> mip);
+            let into = (60 >> mip..).map(|x| db.at(mip, [x, row, up]).0);
+            let solid: Vec<[u8; 4]> = into.skip_while(|c| c[3] == 0).take(2).collect();
+            for color in solid {
+                let [r, g, _, a] = decode_color(color);
+                assert!(
+                    a > 0.0 && r / a > 0.9 && g / a < 0.2,
+                    "{layout:?} {mip} {color:?}"
+                );
+            }
+        }
+    }
+}
