@@ -1,4 +1,4 @@
-//! Holes: pixels that show the background where the reference says that there is none.
+//! Holes and outlines: pixels that show the background where the reference says that there is none, and the reverse.
 
 use brickfell_runtime::picture::Picture;
 
@@ -9,33 +9,45 @@ const OPAQUE: f32 = 0.9999;
 /// Alpha below which a pixel is a hole.
 const OPEN: f32 = 0.5;
 
-/// The alphas of the pixels of `picture` whose 5×5 neighbourhood (as far as it lies in the picture) has an alpha of `least` or
-/// more in the reference. Both pictures have one size.
-fn inside<'a>(picture: &'a Picture, reference: &'a Picture, least: f32) -> impl Iterator<Item = f32> + 'a {
+/// The pixels (by index) around which, `reach` pixels to each side as far as they lie in the picture, `holds` for all.
+fn all_around(
+    picture: &Picture,
+    reach: usize,
+    holds: impl Fn(&[f32; 4]) -> bool,
+) -> impl Iterator<Item = usize> {
     let (width, height) = (picture.width as usize, picture.height as usize);
-    let solid = move |x: usize, y: usize| {
-        (y.saturating_sub(2)..(y + 3).min(height)).all(|v| {
-            (x.saturating_sub(2)..(x + 3).min(width)).all(|u| reference.pixels[v * width + u][3] >= least)
-        })
-    };
-    (0..height)
-        .flat_map(move |y| (0..width).map(move |x| (x, y)))
-        .filter(move |(x, y)| solid(*x, *y))
-        .map(move |(x, y)| picture.pixels[y * width + x][3])
+    let around = move |k: usize, n: usize| k.saturating_sub(reach)..(k + reach + 1).min(n);
+    (0..width * height).filter(move |k| {
+        around(k / width, height)
+            .all(|v| around(k % width, width).all(|u| holds(&picture.pixels[v * width + u])))
+    })
+}
+
+/// The pixels (by index) whose 5×5 neighbourhood is opaque in the truth.
+pub fn inside(truth: &Picture) -> impl Iterator<Item = usize> {
+    all_around(truth, 2, |p| p[3] >= OPAQUE)
 }
 
 /// Pixels of `picture` with an alpha below 0.5 whose 5×5 neighbourhood is hit by every ray of the reference. Both pictures have
 /// one size.
 pub fn count_holes(picture: &Picture, reference: &Picture) -> usize {
-    inside(picture, reference, HIT)
-        .filter(|alpha| *alpha < OPEN)
+    all_around(reference, 2, |p| p[3] >= HIT)
+        .filter(|k| picture.pixels[*k][3] < OPEN)
         .count()
 }
 
 /// The least alpha of the pixels whose 5×5 neighbourhood is opaque in the truth; `None` if there is no such pixel. Both
 /// pictures have one size.
 pub fn least_alpha_inside(picture: &Picture, truth: &Picture) -> Option<f32> {
-    inside(picture, truth, OPAQUE).reduce(f32::min)
+    inside(truth).map(|k| picture.pixels[k][3]).reduce(f32::min)
+}
+
+/// Pixels of `picture` that are covered, by an alpha above 0.5, though all of their 3×3 neighbourhood is open in the truth:
+/// outlines that are thicker than the truth's by more than a pixel. Both pictures have one size.
+pub fn count_thick(picture: &Picture, truth: &Picture) -> usize {
+    all_around(truth, 1, |p| p[3] == 0.0)
+        .filter(|k| picture.pixels[*k][3] > OPEN)
+        .count()
 }
 
 #[cfg(test)]
@@ -58,6 +70,12 @@ mod tests {
         assert_eq!(count_holes(&picture, &full), 3);
         assert_eq!(count_holes(&picture, &reference), 2);
         assert_eq!(count_holes(&full, &full), 0);
+        assert_eq!((inside(&full).count(), inside(&reference).count()), (81, 72));
+        let mut open = full.clone();
+        open.pixels.iter_mut().for_each(|p| p[3] = 0.0);
+        assert_eq!((count_thick(&full, &open), count_thick(&open, &open)), (81, 0));
+        open.pixels[0][3] = 0.1;
+        assert_eq!(count_thick(&full, &open), 77);
         assert_eq!(least_alpha_inside(&picture, &full), Some(0.2));
         for k in [3 * 9 + 3, 4 * 9 + 8] {
             picture.pixels[k][3] = 0.7;

@@ -1,6 +1,6 @@
 //! Suite `truth`: time against error. The GPU's settled pictures, and the CPU reference's, against the truth from the input.
 //!
-//! Each scene is seen from above at 1, 4, 16 and 64 times the distance at which a finest voxel fits a pixel, and along the
+//! Each scene is seen from above at 1, 2, 4, 16 and 64 times the distance at which a finest voxel fits a pixel, and along the
 //! ground, at the default setting; one view sweeps everything that trades speed for error. The truth is the mean of two
 //! renders of 64 rays a pixel, whose difference gives its own noise. Beside `bench.json` and `bench.csv` it leaves a plot and a
 //! page with the pictures.
@@ -23,7 +23,7 @@ use serde::Serialize;
 use super::caster::{backend, measure, repetitions};
 use super::{Row, Settings, row};
 use crate::commands::{CommandError, open_gpu};
-use crate::holes::{count_holes, least_alpha_inside};
+use crate::holes::{count_holes, count_thick, inside, least_alpha_inside};
 use crate::metrics::{LinearImage, compare, noise_floor, psnr};
 use crate::picture_file::linear_over_sky;
 use crate::report::per_ray;
@@ -50,11 +50,15 @@ struct Entry {
     bytes: u64,
     psnr_db: f64,
     psnr_srgb_db: f64,
+    /// PSNR in linear light over the pixels whose 5×5 neighbourhood is opaque in the truth: without outlines before the sky.
+    psnr_inside_db: Option<f64>,
     flip: f64,
     worst: u8,
     percent_over_2: f64,
     holes: usize,
     alpha_min_where_opaque: Option<f32>,
+    /// Pixels that are covered more than a pixel beside what the truth covers.
+    thick: usize,
     /// PSNR that the truth's own noise would give: an error near it cannot be told.
     truth_floor_db: f64,
     bias: f64,
@@ -100,6 +104,16 @@ impl Judge {
     }
 }
 
+fn psnr_inside(picture: &Picture, truth: &Picture) -> Option<f64> {
+    let (mut squares, mut count) = (0.0, 0u32);
+    for k in inside(truth) {
+        let pair = picture.pixels[k].iter().zip(&truth.pixels[k]).take(3);
+        squares += pair.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / 3.0;
+        count += 1;
+    }
+    (count > 0).then(|| psnr(squares / f64::from(count)))
+}
+
 /// What a picture took.
 struct Cost {
     backend: String,
@@ -131,11 +145,13 @@ fn entry(
         bytes: cost.bytes,
         psnr_db: errors.psnr,
         psnr_srgb_db: errors.psnr_srgb,
+        psnr_inside_db: psnr_inside(picture, &judge.truth),
         flip: errors.flip,
         worst: errors.worst.steps,
         percent_over_2: 100.0 * errors.share_over_2,
         holes: count_holes(picture, &judge.truth),
         alpha_min_where_opaque: least_alpha_inside(picture, &judge.truth),
+        thick: count_thick(picture, &judge.truth),
         truth_floor_db: judge.floor_db,
         bias: cost.bias,
         nodes_per_ray: per_ray(cost.counters.nodes, &cost.counters),

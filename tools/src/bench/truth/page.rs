@@ -34,8 +34,8 @@ fn figure(image: &Image, caption: &str) -> io::Result<String> {
 
 fn table(entries: &[Entry]) -> String {
     let mut html = String::from(
-        "<table><tr><th>scene<th>view<th>setting<th>backend<th>size<th>ms<th>Mpx/s<th>MB in pools<th>PSNR dB<th>sRGB dB\
-         <th>FLIP<th>worst<th>&gt; 2/255 %<th>holes<th>least alpha<th>noise dB<th>nodes/ray<th>samples/ray</tr>\n",
+        "<table><tr><th>scene<th>view<th>setting<th>backend<th>size<th>ms<th>Mpx/s<th>MB in pools<th>PSNR dB<th>sRGB dB<th>inside dB\
+         <th>FLIP<th>worst<th>&gt; 2/255 %<th>holes<th>least alpha<th>thick<th>noise dB<th>nodes/ray<th>samples/ray</tr>\n",
     );
     let fronts: Vec<(&Entry, bool)> = (plot::scenes(entries).iter())
         .flat_map(|scene| plot::front(entries, scene))
@@ -43,11 +43,12 @@ fn table(entries: &[Entry]) -> String {
     for e in entries {
         let on_front = fronts.iter().any(|(other, on)| *on && std::ptr::eq(*other, e));
         let alpha = e.alpha_min_where_opaque.map_or("–".into(), |a| format!("{a:.4}"));
+        let inside = e.psnr_inside_db.map_or("–".into(), |db| format!("{db:.2}"));
         // Writing to a String cannot fail.
         let _ = writeln!(
             html,
-            "<tr{}><td>{}<td>{}<td>{}<td>{}<td>{}×{}<td>{:.1}<td>{:.3}<td>{:.1}<td>{:.2}<td>{:.2}<td>{:.4}<td>{}<td>{:.2}\
-             <td>{}<td>{alpha}<td>{:.1}<td>{:.1}<td>{:.1}</tr>",
+            "<tr{}><td>{}<td>{}<td>{}<td>{}<td>{}×{}<td>{:.1}<td>{:.3}<td>{:.1}<td>{:.2}<td>{:.2}<td>{inside}<td>{:.4}<td>{}<td>{:.2}\
+             <td>{}<td>{alpha}<td>{}<td>{:.1}<td>{:.1}<td>{:.1}</tr>",
             if on_front { " class=front" } else { "" },
             escaped(&e.scene),
             escaped(&e.view),
@@ -64,6 +65,7 @@ fn table(entries: &[Entry]) -> String {
             e.worst,
             e.percent_over_2,
             e.holes,
+            e.thick,
             e.truth_floor_db,
             e.nodes_per_ray,
             e.samples_per_ray,

@@ -26,7 +26,7 @@ const FOV: f64 = 60.0;
 const WIDTH: u32 = 320;
 const HEIGHT: u32 = 240;
 /// Distances in those at which a finest voxel is as wide as a pixel.
-const DISTANCES: [u32; 4] = [1, 4, 16, 64];
+const DISTANCES: [u32; 5] = [1, 2, 4, 16, 64];
 /// Where views from above come from, seen from what they look at.
 const FROM: DVec3 = DVec3::new(-0.5, -0.6, 0.62);
 /// Height of the eye above ground in the view along it, and how far it looks down over the distance of 1×, in those.
