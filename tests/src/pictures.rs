@@ -96,17 +96,6 @@ pub fn assert_alike(what: &str, a: &Picture, b: &Picture, bound: Bound) {
     );
 }
 
-/// Root of the mean squared difference of all components, linear light.
-///
-/// # Panics
-/// If the sizes differ.
-pub fn rmse(a: &Picture, b: &Picture) -> f64 {
-    assert_eq!((a.width, a.height), (b.width, b.height));
-    let components = a.pixels.as_flattened().iter().zip(b.pixels.as_flattened());
-    let sum: f64 = components.map(|(a, b)| f64::from(a - b).powi(2)).sum();
-    (sum / (4.0 * a.pixels.len().max(1) as f64)).sqrt()
-}
-
 fn is_hit(pixel: &[f32; 4]) -> bool {
     pixel[3] > 0.5
 }

@@ -4,7 +4,6 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use brickfell_culler::Camera;
-use brickfell_formats::layout::SampleLayout;
 use brickfell_pager::{FolderStore, Store};
 use brickfell_runtime::picture::RayCounters;
 use brickfell_runtime::reference::Reference;
@@ -46,7 +45,7 @@ fn views() -> Result<[(&'static str, Camera); 2], CommandError> {
 }
 
 fn open(settings: &Settings<'_>) -> Result<(Arc<dyn Store>, Terrain), CommandError> {
-    let folder = hills(settings.folder, VOXELS, SampleLayout::Centre)?;
+    let folder = hills(settings.folder, VOXELS)?;
     let store: Arc<dyn Store> = Arc::new(FolderStore::open(&folder)?);
     let terrain = Terrain::open(&store)?;
     Ok((store, terrain))

@@ -8,7 +8,6 @@ pub mod agreement;
 pub mod caster;
 mod filter_scenes;
 pub mod filters;
-pub mod layout;
 mod scenes;
 pub mod truth;
 
@@ -72,11 +71,6 @@ pub const SUITES: &[Suite] = &[
         name: "agreement",
         about: "the GPU's pictures against the CPU reference's",
         run: agreement::rows,
-    },
-    Suite {
-        name: "layout",
-        about: "error and memory of the two sample layouts",
-        run: layout::rows,
     },
     Suite {
         name: "filters",

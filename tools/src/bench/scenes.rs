@@ -4,7 +4,6 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use brickfell_formats::layout::SampleLayout;
 use glam::DVec2;
 use image::{ImageBuffer, Luma, Rgb};
 
@@ -89,14 +88,13 @@ pub(super) fn hills_input(folder: &Path) -> Result<HeightInput, CommandError> {
 }
 
 /// Builds the hill terrain as one tree of `voxels` per axis, or finds it built.
-pub(super) fn hills(folder: &Path, voxels: u32, layout: SampleLayout) -> Result<PathBuf, CommandError> {
+pub(super) fn hills(folder: &Path, voxels: u32) -> Result<PathBuf, CommandError> {
     let heights = hills_input(folder)?;
-    let out = folder.join(format!("hills-{voxels}-{}", format!("{layout:?}").to_lowercase()));
+    let out = folder.join(format!("hills-{voxels}"));
     let mut args = BuildArgs::new(&out);
     args.heights = vec![heights];
     args.voxel = Some(HILLS_SIZE / f64::from(voxels));
     args.tree_voxels = voxels;
-    args.layout = layout;
     // A scene of an earlier version of this program is built anew.
     args.force = true;
     build(&args, &Silent)?;

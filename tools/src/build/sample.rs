@@ -5,7 +5,7 @@
 //! voxel (0..1). Colour and normal have a weight of their own, the part of the voxel that surfaces meet: solid ground
 //! has none, so it never tints a coarser voxel. Every step is rounded the same way whatever tree asks for it.
 
-use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Value};
+use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Value, linear_to_srgb, srgb_to_linear};
 
 use super::ground::Hint;
 
@@ -119,6 +119,7 @@ impl Sample {
         Texel {
             color: stored.color,
             normal: [x, y, z],
+            look: Hint { rgb, normal }.into(),
             matter: match () {
                 () if self.is_deep() => Matter::Deep,
                 () if self.weight > 0.0 => Matter::Surface,
@@ -135,17 +136,53 @@ pub(crate) struct Texel {
     pub(crate) color: [u8; 4],
     /// Mean normal × opacity.
     pub(crate) normal: [i8; 3],
-    /// Where its colour and normal are from.
+    /// Colour and normal without the opacity.
+    pub(crate) look: CodedLook,
+    /// Where they are from.
     pub(crate) matter: Matter,
+}
+
+/// A straight colour in sRGB and a normal of length up to 1, in bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct CodedLook {
+    rgb: [u8; 3],
+    normal: [i8; 3],
+}
+
+impl From<Hint> for CodedLook {
+    fn from(hint: Hint) -> Self {
+        Self {
+            rgb: hint.rgb.map(linear_to_srgb),
+            normal: hint.normal.map(|c| (c * 127.0).round() as i8),
+        }
+    }
+}
+
+impl CodedLook {
+    /// The mean of some looks, `None` of none.
+    pub(crate) fn mean(looks: impl Iterator<Item = CodedLook>) -> Option<Hint> {
+        let (mut sum, mut count) = (Hint::default(), 0.0);
+        for look in looks {
+            count += 1.0;
+            for k in 0..3 {
+                sum.rgb[k] += srgb_to_linear(look.rgb[k]);
+                sum.normal[k] += f32::from(look.normal[k]) / 127.0;
+            }
+        }
+        (count > 0.0).then(|| Hint {
+            rgb: sum.rgb.map(|c| c / count),
+            normal: sum.normal.map(|c| c / count),
+        })
+    }
 }
 
 /// What a texel's colour and normal are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Matter {
-    /// Those of the surfaces in it, or it is empty.
-    #[default]
+    /// Those of the surfaces in it.
     Surface,
-    /// Hints: it is partly solid and no surface meets it.
+    /// Hints, if it is partly solid and no surface meets it; none, if it is empty.
+    #[default]
     Hinted,
     /// Hints: solid all through, met by no surface.
     Deep,

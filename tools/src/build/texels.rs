@@ -3,13 +3,13 @@
 use rayon::prelude::*;
 
 use brickfell_formats::chunk::Layers;
-use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, srgb_to_linear};
+use brickfell_formats::value::SOLID_ALPHA;
 
 use super::blocks::{BLOCK, Block, BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense};
 use super::filter::Skins;
-use super::ground::{Hint, Hints};
+use super::ground::Hints;
 use super::lattice::{CellBox, SIDE};
-use super::sample::{Matter, Sample, Texel};
+use super::sample::{CodedLook, Matter, Sample, Texel};
 
 /// The texels that a tree stores of one level.
 pub(crate) struct TexelLevel {
@@ -50,8 +50,7 @@ impl TexelLevel {
         support: &CellBox,
     ) -> Self {
         let ring = area.grown(1);
-        // Skins are made of their neighbours', so the last cells of the support have none that are final.
-        let ringed = area.grown(2).intersection(support) == area.grown(2);
+        let ringed = ring.intersection(support) == ring;
         let area = if ringed { ring } else { area };
         let width = area.hi[0] - area.lo[0];
         let columns = width * (area.hi[1] - area.lo[1]);
@@ -100,7 +99,8 @@ impl TexelLevel {
     }
 
     /// Copies the cube of `side`³ texels from `base` on, x fastest. Deep solid beside surfaces gets their look: it is
-    /// interpolated with them, and at the foot of a cliff the ground above its column is the cliff's top.
+    /// interpolated with them, and at the foot of a cliff the ground above its column is the cliff's top. Opacities do not
+    /// count: those of the support's last cells are not final.
     pub(crate) fn gather(&self, base: [i64; 3], side: i64, out: &mut Vec<Texel>) {
         if !self.ringed {
             return self.texels.gather(&self.area, base, side, out);
@@ -169,23 +169,8 @@ fn beside(cube: &[Texel], at: i64, n: i64) -> Option<Texel> {
     let around = (-1..2).flat_map(|z| (-1..2).flat_map(move |y| (-1..2).map(move |x| (z * n + y) * n + x)));
     let surfaces = around
         .map(|offset| cube[(at + offset) as usize])
-        .filter(|t| t.matter == Matter::Surface && t.color[3] > 0);
-    let (mut rgb, mut normal, mut alpha, mut opacity) = ([0f32; 3], [0f32; 3], 0.0, 0.0);
-    for t in surfaces {
-        let a = f32::from(t.color[3]) / 255.0;
-        for k in 0..3 {
-            rgb[k] += srgb_to_linear(t.color[k]);
-            normal[k] += f32::from(t.normal[k]) / 127.0;
-        }
-        alpha += a;
-        opacity += (a * f32::from(BUILD_GAIN)).min(1.0);
-    }
-    (alpha > 0.0).then(|| {
-        Sample::DEEP.texel(Hint {
-            rgb: rgb.map(|c| c / alpha),
-            normal: normal.map(|c| c / opacity),
-        })
-    })
+        .filter(|t| t.matter == Matter::Surface);
+    CodedLook::mean(surfaces.map(|t| t.look)).map(|look| Sample::DEEP.texel(look))
 }
 
 impl<T: Copy + Default> Layer<T> {

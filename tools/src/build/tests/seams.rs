@@ -50,9 +50,9 @@ fn large_and_small_trees_store_the_same_samples() {
                 // In the corner layout a sample on the outermost faces may belong to a tree that is not there.
                 if layout == SampleLayout::Centre || values.iter().all(Option::is_some) {
                     let [mut a, b] = values.map(Option::unwrap_or_default);
-                    // Deep solid takes its look from its neighbours, in the two coarsest levels from the ground above.
+                    // Deep solid takes its look from its neighbours, in the coarsest level from the ground above.
                     let deep = [SOLID_ALPHA; 3];
-                    if mip > 1 && (a.2, b.2) == (deep, deep) {
+                    if mip > 2 && (a.2, b.2) == (deep, deep) {
                         (a.0, a.1) = (b.0, b.1);
                     }
                     assert!(
