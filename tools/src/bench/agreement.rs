@@ -1,9 +1,9 @@
-//! Suite `agreement`: the GPU's pictures of the demo terrain against the CPU reference's, pixel by pixel.
+//! Suite `agreement`: the GPU's pictures of the demo terrain and of hills against the CPU reference's, pixel by pixel.
 //!
 //! lavapipe filters exactly only with `GALLIVM_PERF=no_aos_sampling` in the environment; `machine.exact_filtering` says
 //! whether it was set.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use brickfell_culler::Camera;
@@ -17,32 +17,13 @@ use brickfell_runtime::terrain::Terrain;
 use glam::DVec3;
 use serde_json::json;
 
-use super::scenes::demo_input;
-use super::{Row, Settings, row};
-use crate::build::{BuildArgs, Silent, build};
+use super::scenes::{build_demo, demo_input};
+use super::{Row, Settings, caster, row};
 use crate::commands::{CommandError, open_gpu};
 use crate::holes::count_holes;
 
 const WIDTH: u32 = 320;
 const HEIGHT: u32 = 240;
-
-/// Builds the demo terrain as `make fly` does, or finds it built.
-fn demo(folder: &Path) -> Result<PathBuf, CommandError> {
-    let out = folder.join("demo");
-    if out.join("scene.xml").exists() {
-        return Ok(out);
-    }
-    let demo = demo_input(folder)?;
-    let mut args = BuildArgs::new(&out);
-    args.heights = vec![demo.layer()];
-    args.inputs = demo.meshes;
-    args.up = demo.up;
-    args.voxel = Some(0.25);
-    args.tree_voxels = 256;
-    args.force = true;
-    build(&args, &Silent)?;
-    Ok(out)
-}
 
 /// Differences of two pictures over black: pixels by their largest difference in 8-bit sRGB codes or alpha steps.
 fn differences(a: &Picture, b: &Picture) -> Vec<u8> {
@@ -66,30 +47,41 @@ fn differences(a: &Picture, b: &Picture) -> Vec<u8> {
 /// # Errors
 /// If the terrain cannot be built or drawn.
 pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
-    let store: Arc<dyn Store> = Arc::new(FolderStore::open(demo(settings.folder)?)?);
+    let demo = settings.folder.join("demo");
+    build_demo(&demo_input(settings.folder)?, &demo, |_| {})?;
+    let look = |view, [eye, target]: [DVec3; 2]| {
+        Camera::look_at(eye, target, 60.0, WIDTH, HEIGHT).map(|camera| (view, camera))
+    };
+    let overview = [DVec3::new(-40.0, -60.0, 120.0), DVec3::new(128.0, 128.0, 20.0)];
+    let village = [DVec3::new(60.0, 40.0, 40.0), DVec3::new(128.0, 140.0, 20.0)];
+    let crag = [DVec3::new(200.0, 290.0, 60.0), DVec3::new(190.0, 200.0, 40.0)];
+    let views = vec![
+        look("overview", overview)?,
+        look("village", village)?,
+        look("crag", crag)?,
+    ];
+    let mut rows = of_scene("demo", &demo, views)?;
+    let hills = caster::scene(settings)?;
+    rows.extend(of_scene(caster::SCENE, &hills, caster::views()?.into())?);
+    Ok(rows)
+}
+
+fn of_scene(
+    scene: &str,
+    folder: &Path,
+    views: Vec<(&'static str, Camera)>,
+) -> Result<Vec<Row>, CommandError> {
+    let store: Arc<dyn Store> = Arc::new(FolderStore::open(folder)?);
     let terrain = Terrain::open(&store)?;
     let reference = Reference::new(Arc::clone(&store), &terrain.trees)?;
-    let mut renderer = Renderer::new(open_gpu()?, store, terrain, RendererConfig::default())?;
+    let config = RendererConfig {
+        gpu_budget: 1 << 30,
+        ..RendererConfig::default()
+    };
+    let mut renderer = Renderer::new(open_gpu()?, store, terrain, config)?;
     let render = RenderSettings::default();
     let mut rows = Vec::new();
-    for (view, eye, target) in [
-        (
-            "overview",
-            DVec3::new(-40.0, -60.0, 120.0),
-            DVec3::new(128.0, 128.0, 20.0),
-        ),
-        (
-            "village",
-            DVec3::new(60.0, 40.0, 40.0),
-            DVec3::new(128.0, 140.0, 20.0),
-        ),
-        (
-            "crag",
-            DVec3::new(200.0, 290.0, 60.0),
-            DVec3::new(190.0, 200.0, 40.0),
-        ),
-    ] {
-        let camera = Camera::look_at(eye, target, 60.0, WIDTH, HEIGHT)?;
+    for (view, camera) in views {
         let (report, frames) = renderer.settle(&camera, &render)?;
         let picture = renderer.read_picture()?;
         let bias = RenderSettings {
@@ -103,12 +95,12 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
             100.0 * count as f64 / differences.len() as f64
         };
         rows.push(row(json!({
-            "scene": "demo",
+            "scene": scene,
             "view": view,
-            "width": WIDTH,
-            "height": HEIGHT,
+            "width": camera.width,
+            "height": camera.height,
             "percent_within_1": within(1),
-            "percent_within_2": within(2),
+            "percent_within_3": within(3),
             "worst": differences.iter().max(),
             "holes": count_holes(&picture, &truth),
             "requests": renderer.feedback().request_count,

@@ -1,5 +1,6 @@
 //! Suites `caster` and `caster-variants`: the ray caster alone, settled, on one 1024³ tree of hills.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -21,11 +22,11 @@ use crate::report::{Percentiles, per_ray};
 const WIDTH: u32 = 800;
 const HEIGHT: u32 = 600;
 const FOV: f64 = 60.0;
-const SCENE: &str = "hills-1024";
+pub(super) const SCENE: &str = "hills-1024";
 const VOXELS: u32 = 1024;
 
 /// `far` looks 60° down with the tree overfilling the picture; `near` stands 2 m above the ground and looks 10° down.
-fn views() -> Result<[(&'static str, Camera); 2], CommandError> {
+pub(super) fn views() -> Result<[(&'static str, Camera); 2], CommandError> {
     let look = |eye: DVec3, down: f64| {
         let down = down.to_radians();
         Camera::look_at(
@@ -44,9 +45,13 @@ fn views() -> Result<[(&'static str, Camera); 2], CommandError> {
     ])
 }
 
+/// The folder of the hills.
+pub(super) fn scene(settings: &Settings<'_>) -> Result<PathBuf, CommandError> {
+    hills(settings.folder, VOXELS)
+}
+
 fn open(settings: &Settings<'_>) -> Result<(Arc<dyn Store>, Terrain), CommandError> {
-    let folder = hills(settings.folder, VOXELS)?;
-    let store: Arc<dyn Store> = Arc::new(FolderStore::open(&folder)?);
+    let store: Arc<dyn Store> = Arc::new(FolderStore::open(scene(settings)?)?);
     let terrain = Terrain::open(&store)?;
     Ok((store, terrain))
 }

@@ -82,6 +82,24 @@ pub(super) fn demo_input(folder: &Path) -> Result<DemoInput, CommandError> {
     Ok(write_demo(&folder.join("demo-input"), DEMO_SEED, DEFAULT_SIZE)?)
 }
 
+/// Builds a database of the demo's files as `make fly` does, but for a change, or finds it built.
+pub(super) fn build_demo(
+    input: &DemoInput,
+    out: &Path,
+    change: impl Fn(&mut BuildArgs),
+) -> Result<(), CommandError> {
+    let mut args = BuildArgs::new(out);
+    args.heights = vec![input.layer()];
+    args.inputs = input.meshes.clone();
+    args.up = input.up;
+    args.voxel = Some(0.25);
+    args.tree_voxels = 256;
+    args.force = true;
+    change(&mut args);
+    build(&args, &Silent)?;
+    Ok(())
+}
+
 /// The hill terrain's height map and picture, written if they are not there.
 pub(super) fn hills_input(folder: &Path) -> Result<HeightInput, CommandError> {
     write_hills(&folder.join("hills-input"), 1024)

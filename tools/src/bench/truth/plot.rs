@@ -14,11 +14,12 @@ const FONT: &str = "sans-serif";
 /// The entries of a scene's swept view that compete, and whether each is on the front.
 pub(super) fn front<'a>(entries: &'a [Entry], scene: &str) -> Vec<(&'a Entry, bool)> {
     let of_scene = || entries.iter().filter(|e| e.scene == scene);
-    let Some(first) = of_scene().next() else {
+    // The swept view's rows are the last ones.
+    let Some(last) = of_scene().last() else {
         return Vec::new();
     };
     let all: Vec<&Entry> = of_scene()
-        .filter(|e| e.view == first.view && e.width == first.width && e.backend == first.backend)
+        .filter(|e| e.view == last.view && e.width == last.width && e.backend == last.backend)
         .collect();
     let beaten = |e: &Entry| {
         all.iter().any(|o| {

@@ -12,16 +12,15 @@ use clap::ValueEnum;
 use glam::{DVec2, DVec3};
 
 use super::super::Settings;
-use super::super::scenes::demo_input;
-use crate::build::{BuildArgs, DEFAULT_LAYOUT, Filter, Silent, build};
+use super::super::scenes::{build_demo, demo_input};
+use crate::build::{BuildArgs, DEFAULT_LAYOUT, Filter};
 use crate::commands::CommandError;
 use crate::input::Inputs;
 use crate::input::demo::DemoInput;
 use crate::truth::Truth;
 
-/// Finest voxel of the built-in scenes, metres, and voxels of a tree.
-const VOXEL: f64 = 0.25;
-const TREE: u32 = 256;
+/// The one at which settings are compared: there are finer levels to be had, and coarser ones.
+const SWEPT: u32 = 4;
 const FOV: f64 = 60.0;
 const WIDTH: u32 = 320;
 const HEIGHT: u32 = 240;
@@ -130,24 +129,10 @@ pub(super) fn scenes(settings: &Settings<'_>) -> Result<Vec<Scene>, CommandError
     .collect()
 }
 
-/// Builds a database of demo files, or finds it built.
-fn built(input: &DemoInput, out: &Path, change: impl Fn(&mut BuildArgs)) -> Result<(), CommandError> {
-    let mut args = BuildArgs::new(out);
-    args.heights = vec![input.layer()];
-    args.inputs = input.meshes.clone();
-    args.up = input.up;
-    args.voxel = Some(VOXEL);
-    args.tree_voxels = TREE;
-    args.force = true;
-    change(&mut args);
-    build(&args, &Silent)?;
-    Ok(())
-}
-
 impl Scene {
     fn built_in(name: &str, input: &DemoInput, folder: &Path, over: DVec2) -> Result<Self, CommandError> {
         let out = folder.join(format!("truth-{name}"));
-        built(input, &out, |_| {})?;
+        build_demo(input, &out, |_| {})?;
         let inputs = Inputs::load(&input.meshes, &[input.layer()], input.up, None)?;
         let mut scene = Self::new(name.into(), out, inputs, Some(input.clone()))?;
         scene.over = over;
@@ -210,7 +195,7 @@ impl Scene {
             views.push(View {
                 name: format!("{distance}x"),
                 camera: Camera::look_at(eye, target, fov, width, height)?,
-                swept: distance == 1,
+                swept: distance == SWEPT,
             });
         }
         let back = FROM.truncate().normalize() * fits;
@@ -237,7 +222,7 @@ impl Scene {
         let variant = |name: String, change: &dyn Fn(&mut BuildArgs)| {
             let folder = format!("truth-{}-{}", self.name, name.replace(' ', "-"));
             let folder = settings.folder.join(folder);
-            built(input, &folder, change)?;
+            build_demo(input, &folder, change)?;
             Ok(Variant { name, folder })
         };
         let layout = variant(format!("layout {other:?}").to_lowercase(), &|args| {
