@@ -15,7 +15,7 @@ const FONT: &str = "sans-serif";
 pub(super) fn front<'a>(entries: &'a [Entry], scene: &str) -> Vec<(&'a Entry, bool)> {
     let of_scene = || entries.iter().filter(|e| e.scene == scene);
     // The swept view's rows are the last ones.
-    let Some(last) = of_scene().last() else {
+    let Some(last) = of_scene().next_back() else {
         return Vec::new();
     };
     let all: Vec<&Entry> = of_scene()
