@@ -73,7 +73,7 @@ fn draw(entries: &[Entry], scenes: &[&str], svg: &mut String) -> Result<(), Box<
             .margin(10)
             .x_label_area_size(40)
             .y_label_area_size(50)
-            .build_cartesian_2d((0.85 * fast..1.35 * slow).log_scale(), worst - 0.6..best + 0.6)
+            .build_cartesian_2d(0.9 * fast..1.25 * slow, worst - 0.6..best + 0.6)
             .map_err(|e| e.to_string())?;
         chart
             .configure_mesh()

@@ -229,7 +229,8 @@ impl Scene {
             args.layout = other
         });
         let filters = (Filter::value_variants().iter())
-            .filter(|filter| **filter != Filter::default())
+            // Ground has no skins for a filter to judge.
+            .filter(|filter| **filter != Filter::default() && !input.meshes.is_empty())
             .map(|filter| variant(format!("filter {}", filter.name()), &|args| args.filter = *filter));
         std::iter::once(layout).chain(filters).collect()
     }
