@@ -134,7 +134,8 @@ fn index(bytes: &[u8]) -> BrickIndex {
 fn rewrite(bytes: &mut Vec<u8>, changed: u32, change: impl Fn(&mut brickfell_formats::chunk::Chunk)) {
     let index = index(bytes);
     let header = index.header;
-    let mut writer = BrickFileWriter::new(header.level, header.layout, header.chunk_log2, header.encoding);
+    let mut writer = BrickFileWriter::new(header.level, header.layout, header.chunk_log2, header.encoding)
+        .with_layers(header.layers);
     let mut out = vec![0; HEADER_BYTES];
     for (k, entry) in (0..).zip(&index.chunks) {
         let payload = &bytes[entry.offset as usize..][..entry.length as usize];
@@ -169,6 +170,7 @@ fn bricks_of_another_tree_are_found_by_their_places() {
             chunk.mask <<= 1;
             chunk.color.fill([0; 4]);
             chunk.normal.fill([0; 4]);
+            chunk.opacity.fill([0; 4]);
         });
     });
     let line = fault(db.path(), &file);
