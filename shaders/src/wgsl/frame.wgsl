@@ -24,7 +24,7 @@ struct Frame {
     mix_levels: u32,
     // Samples of a brick slot per axis.
     brick_side: u32,
-    // Brick slots per axis of the brick pool; w: 1 / 256-rounding is on.
+    // Brick slots per axis of the brick pool; w unused.
     slots: vec4<u32>,
     // 1 / texels of the brick pool per axis; w unused.
     texel: vec4<f32>,

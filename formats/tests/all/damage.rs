@@ -1,13 +1,11 @@
 //! Damaged and forged files: every one is an error, none panics or makes the reader allocate what it claims.
 
-mod common;
-
+use crate::common::{Branch, brick_file, chunk_of, flatten};
 use brickfell_formats::chunk::{Chunk, Encoding};
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::octree::{Octree, decode_any};
 use brickfell_formats::scene::Scene;
 use brickfell_formats::{FormatError, Place, bricks, morton, octree_binary, octree_xml};
-use common::{Branch, brick_file, chunk_of, flatten};
 use proptest::prelude::*;
 
 /// Reads a brick file whole, as `check` would.

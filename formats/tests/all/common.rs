@@ -1,7 +1,5 @@
 //! Random but valid trees, scenes and chunks, for the tests of this folder.
 
-#![allow(dead_code, reason = "each test program uses some of these")]
-
 use brickfell_formats::bricks::{BrickFileWriter, HEADER_BYTES};
 use brickfell_formats::chunk::{Chunk, Encoding, Layers, brick_positions};
 use brickfell_formats::layout::{BRICK_VOXELS, SampleLayout};

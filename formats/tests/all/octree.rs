@@ -1,14 +1,12 @@
 //! Octree files: the two forms say the same, and what is wrong in them is found.
 
-mod common;
-
 use brickfell_formats::octree::{Node, NodeData, Octree, decode_any};
 use brickfell_formats::{Place, octree_binary, octree_xml};
 use proptest::prelude::*;
 
 proptest! {
     #[test]
-    fn binary_and_xml_convert_without_loss(tree in common::octree()) {
+    fn binary_and_xml_convert_without_loss(tree in crate::common::octree()) {
         tree.validate().unwrap();
         let binary = octree_binary::encode(&tree).unwrap();
         prop_assert_eq!(&octree_binary::decode(&binary).unwrap(), &tree);
@@ -22,7 +20,7 @@ proptest! {
     }
 
     #[test]
-    fn a_prefix_of_the_binary_file_is_the_coarse_tree(tree in common::octree()) {
+    fn a_prefix_of_the_binary_file_is_the_coarse_tree(tree in crate::common::octree()) {
         let binary = octree_binary::encode(&tree).unwrap();
         let head = &binary[..binary.len().min(octree_binary::prefix_len())];
         let index = octree_binary::decode_header(head, binary.len() as u64).unwrap();
@@ -35,7 +33,7 @@ proptest! {
     }
 
     #[test]
-    fn levels_are_in_morton_order(tree in common::octree()) {
+    fn levels_are_in_morton_order(tree in crate::common::octree()) {
         for level in 0..=tree.header.depth {
             let codes: Vec<u64> =
                 tree.positions(level).into_iter().map(brickfell_formats::morton::encode).collect();

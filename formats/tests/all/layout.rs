@@ -1,12 +1,10 @@
 //! The bytes are where `docs/formats.md` says. A change here is a change of the format.
 
-mod common;
-
+use crate::common::{brick_file, chunk_of};
 use brickfell_formats::chunk::{Chunk, Encoding, brick_positions};
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::octree::decode_any;
 use brickfell_formats::octree_binary;
-use common::{brick_file, chunk_of};
 use glam::UVec3;
 
 fn u32_at(bytes: &[u8], at: usize) -> u32 {

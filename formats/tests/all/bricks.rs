@@ -1,12 +1,10 @@
 //! Brick files and chunk payloads: round trips, and the limits of what is accepted.
 
-mod common;
-
+use crate::common::{brick_file, chunk_of};
 use brickfell_formats::bricks::{self, BrickFileWriter, BrickIndex, HEADER_BYTES, brick_file_name};
 use brickfell_formats::chunk::{Chunk, Encoding, Layers, brick_positions};
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::{FormatError, morton};
-use common::{brick_file, chunk_of};
 use glam::UVec3;
 use proptest::prelude::*;
 
@@ -25,9 +23,9 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn chunks_round_trip(mut chunk in common::chunk(2), encoding in common::encoding(), axes in any::<bool>()) {
+    fn chunks_round_trip(mut chunk in crate::common::chunk(2), encoding in crate::common::encoding(), axes in any::<bool>()) {
         if axes {
-            common::add_opacity(&mut chunk);
+            crate::common::add_opacity(&mut chunk);
         }
         let bytes = chunk.encode(encoding).unwrap();
         let decode = |bytes: &[u8], c: &Chunk| Chunk::decode(bytes, c.mask, c.layout, c.layers(), encoding);
@@ -40,7 +38,7 @@ proptest! {
     #[test]
     fn files_round_trip_and_every_brick_is_found(
         chunk_log2 in 0u8..=2,
-        encoding in common::encoding(),
+        encoding in crate::common::encoding(),
         codes in prop::collection::btree_set(0u64..512, 0..6),
         masks in prop::collection::vec(any::<u64>(), 6),
         flat in any::<bool>(),
@@ -52,7 +50,7 @@ proptest! {
             let mask = if mask & places == 0 { 1 } else { mask & places };
             let mut chunk = chunk_of(mask, SampleLayout::Corner, *code, flat);
             if axes {
-                common::add_opacity(&mut chunk);
+                crate::common::add_opacity(&mut chunk);
             }
             (morton::decode(*code), chunk)
         }).collect();

@@ -1,13 +1,11 @@
 //! Scenes: what is written is read back exactly, and what is wrong in a hand-written one is named.
 
-mod common;
-
 use brickfell_formats::Place;
 use brickfell_formats::scene::{Bounds, Group, MAX_NESTING, PagedOctTree, Scene};
 use proptest::prelude::*;
 
 fn bounds() -> impl Strategy<Value = Option<Bounds>> {
-    let sorted = (common::point(), common::point()).prop_map(|(a, b)| Bounds {
+    let sorted = (crate::common::point(), crate::common::point()).prop_map(|(a, b)| Bounds {
         min: a.min(b),
         max: a.max(b),
     });
@@ -16,8 +14,8 @@ fn bounds() -> impl Strategy<Value = Option<Bounds>> {
 
 prop_compose! {
     fn tree()(
-        center in common::point(),
-        radius in common::metres().prop_map(f64::abs).prop_filter("above zero", |r| *r > 0.0),
+        center in crate::common::point(),
+        radius in crate::common::metres().prop_map(f64::abs).prop_filter("above zero", |r| *r > 0.0),
         bounds in bounds(),
         tree_file in "[^/\\\\:\\pC]{1,8}(/[a-z&<>\"' é]{3,5}){0,2}"
             .prop_filter("a name", |f| f.split('/').all(|part| part != "." && part != "..")),

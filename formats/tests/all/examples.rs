@@ -5,9 +5,9 @@ use brickfell_formats::scene::Scene;
 use brickfell_formats::{octree_binary, octree_xml};
 use glam::DVec3;
 
-const SCENE: &str = include_str!("../../examples/two_trees/scene.xml");
-const WEST: &str = include_str!("../../examples/two_trees/west.xml");
-const EAST: &str = include_str!("../../examples/two_trees/east.xml");
+const SCENE: &str = include_str!("../../../examples/two_trees/scene.xml");
+const WEST: &str = include_str!("../../../examples/two_trees/west.xml");
+const EAST: &str = include_str!("../../../examples/two_trees/east.xml");
 
 /// What a constant tree shows at a world point, at its finest.
 fn color_at(tree: &Octree, point: DVec3) -> [u8; 4] {
