@@ -49,7 +49,7 @@ pub use filter::Filter;
 pub use progress::{IndicatifProgress, Progress, Silent};
 
 pub use crate::input::HeightInput;
-use crate::input::{HeightUnit, Inputs, Mesh, UpAxis};
+use crate::input::{HeightOptions, HeightUnit, Inputs, Mesh, RasterCache, TerrainRgb, UpAxis};
 use lattice::Lattice;
 use manifest::{Arguments, EMPTY_TREES, Manifest, SCENE, TREES};
 use scene::SceneTree;
@@ -80,6 +80,10 @@ pub struct BuildArgs {
     pub up: UpAxis,
     /// Unit of heights; unless told the file's, else its horizontal unit.
     pub height_unit: Option<HeightUnit>,
+    /// How heights are coded in height maps with colours.
+    pub terrain_rgb: Option<TerrainRgb>,
+    /// Memory that height maps and imagery may take, bytes; more of them stays on disk.
+    pub raster_memory: u64,
     /// Where samples lie.
     pub layout: SampleLayout,
     /// How chunks are coded.
@@ -105,6 +109,8 @@ impl BuildArgs {
             tree_voxels: DEFAULT_TREE_VOXELS,
             up: UpAxis::Z,
             height_unit: None,
+            terrain_rgb: None,
+            raster_memory: RasterCache::DEFAULT_BUDGET,
             layout: DEFAULT_LAYOUT,
             encoding: Encoding::Zstd,
             chunk_log2: 2,
@@ -142,7 +148,13 @@ pub fn build(args: &BuildArgs, progress: &dyn Progress) -> Result<BuildReport, B
         .build()
         .map_err(|e| BuildError::Threads(e.to_string()))?;
     pool.install(|| {
-        let inputs = Inputs::load(&args.inputs, &args.heights, args.up, args.height_unit)?;
+        let options = HeightOptions {
+            height_unit: args.height_unit,
+            terrain_rgb: args.terrain_rgb,
+            ..HeightOptions::default()
+        };
+        let cache = RasterCache::near(args.raster_memory, &args.out);
+        let inputs = Inputs::load(&args.inputs, &args.heights, args.up, options, &cache)?;
         let voxel = args.voxel.unwrap_or_else(|| inputs.default_voxel());
         if !(1e-9..=1e9).contains(&voxel) {
             return Err(BuildError::Voxel(voxel));
@@ -255,7 +267,10 @@ impl Inputs {
         }
         report.trees = trees.len();
         empty.write()?;
-        let crs = self.layers.iter().find_map(|l| l.map.georef.crs.clone());
+        let crs = self
+            .layers
+            .iter()
+            .find_map(|l| l.map.world_system().map(str::to_string));
         manifest::write_whole(
             &args.out.join(SCENE),
             scene::scene(trees, crs).to_xml().as_bytes(),
@@ -273,6 +288,7 @@ fn manifest(args: &BuildArgs, lattice: &Lattice) -> Result<Manifest, BuildError>
         height_unit: args
             .height_unit
             .map_or("as in the file".into(), |u| format!("{u:?}")),
+        terrain_rgb: args.terrain_rgb.map(|rgb| format!("{rgb:?}")),
         layout: format!("{:?}", args.layout),
         encoding: format!("{:?}", args.encoding),
         chunk_log2: args.chunk_log2,

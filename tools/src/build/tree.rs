@@ -47,7 +47,7 @@ pub(crate) struct Terrain<'a> {
 /// Builds a tree into `folder`; `None` if nothing is in it, and then there is no folder.
 ///
 /// # Errors
-/// If a file cannot be written.
+/// If a file cannot be written, or an input no longer be read.
 pub(crate) fn build_tree(
     terrain: &Terrain,
     place: TreePlace,
@@ -58,8 +58,8 @@ pub(crate) fn build_tree(
     let grids: Vec<GroundGrid> = terrain
         .layers
         .iter()
-        .filter_map(|layer| GroundGrid::new(layer, lattice, &support))
-        .collect();
+        .filter_map(|layer| GroundGrid::new(layer, lattice, &support).transpose())
+        .collect::<Result<_, _>>()?;
     let column = terrain
         .plan
         .columns

@@ -15,3 +15,4 @@ mod compare;
 mod fly;
 mod info;
 mod inputs;
+mod rasters;
