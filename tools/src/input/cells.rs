@@ -78,7 +78,10 @@ pub(crate) struct Cells {
 
 #[derive(Debug)]
 enum Store {
-    Whole(Vec<Cell>, Option<Held>),
+    Whole {
+        cells: Vec<Cell>,
+        _held: Option<Held>,
+    },
     Parts {
         number: u32,
         grid: Grid,
@@ -142,7 +145,7 @@ impl Cells {
         Self {
             width,
             height,
-            store: Store::Whole(cells, None),
+            store: Store::Whole { cells, _held: None },
         }
     }
 
@@ -167,7 +170,10 @@ impl Cells {
             return Ok(Self {
                 width,
                 height,
-                store: Store::Whole(cells, Some(held)),
+                store: Store::Whole {
+                    cells,
+                    _held: Some(held),
+                },
             });
         }
         let mut row = 0;
@@ -209,7 +215,10 @@ impl Cells {
             return Ok(Self {
                 width,
                 height,
-                store: Store::Whole(cells, Some(held)),
+                store: Store::Whole {
+                    cells,
+                    _held: Some(held),
+                },
             });
         }
         if block_bytes > cache.budget() / 4 {
@@ -318,7 +327,7 @@ impl Cells {
     pub(crate) fn window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window<'_>, InputError> {
         let size = (self.width, self.height);
         match &self.store {
-            Store::Whole(cells, _) => Ok(Window {
+            Store::Whole { cells, .. } => Ok(Window {
                 size,
                 start: (0, 0),
                 stride: self.width as usize,

@@ -166,12 +166,10 @@ mod tests {
         );
     }
 
-    /// Snyder, Map Projections: A Working Manual (USGS 1395), p. 269, on WGS84's ellipsoid by the towgs84 of zeros.
+    /// Snyder, Map Projections: A Working Manual (USGS 1395), p. 269.
     #[test]
     fn transverse_mercator_as_published() {
         let utm = described("+proj=tmerc +lat_0=0 +lon_0=-75 +k=0.9996 +ellps=clrk66 +towgs84=0,0,0");
-        let p = utm.coordinates(utm.degrees(DVec2::new(127_106.5, 4_484_124.4)));
-        assert!((p - DVec2::new(127_106.5, 4_484_124.4)).length() < 1e-6, "{p}");
         let clarke = Proj::from_proj_string("+proj=longlat +ellps=clrk66").unwrap();
         let p = convert(&clarke, &utm.system, radians(DVec2::new(-73.5, 40.5)));
         assert!(

@@ -31,6 +31,7 @@ impl Imagery {
     ///
     /// # Errors
     /// Another coordinate system than the heights', no overlap with them.
+    #[cfg(test)]
     pub(crate) fn place(
         path: &Path,
         raster: Raster,
@@ -307,6 +308,7 @@ mod tests {
         fs::write(dir.path().join("i.pgw"), "1\n0\n0\n-1\n1000\n1000\n").unwrap();
         let heights = dir.path().join("h.png");
         image::GrayImage::new(4, 4).save(&heights).unwrap();
+        fs::write(dir.path().join("h.pgw"), "1\n0\n0\n-1\n0.5\n3.5\n").unwrap();
         let message = load_layer(&heights, Some(&path), HeightOptions::default());
         let message = message.unwrap_err().to_string();
         assert!(

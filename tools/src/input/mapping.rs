@@ -2,8 +2,8 @@
 //!
 //! Geodetic and projected coordinates take some hundred nanoseconds a point, and in a local frame several points a
 //! column. So they are computed at nodes, one in [`STEP`] columns along each axis and always the same ones, and
-//! interpolated linearly between them: the earth bends by `(STEP · voxel)² / 8 R` in between, which is 5 µm for voxels of
-//! 1 m and 5 cm for 100 m. Along a column's vertical, source space is linear to within millimetres. Any thread.
+//! interpolated linearly between them: the earth bends by `(STEP · voxel)² / 8 R` in between along both axes, together
+//! 10 µm for voxels of 1 m and 10 cm for 100 m. Along a column's vertical, source space is linear to within millimetres. Any thread.
 
 use glam::{DVec2, DVec3};
 

@@ -75,7 +75,7 @@ impl Frame {
         }
         let (min, max) = around.unwrap_or_default();
         // So that what is told of the frame is exact.
-        let origin = ((min + max) * 0.5 * 1e6).round() * 1e-6;
+        let origin = ((min + max) * 0.5 * 1e6).round() / 1e6;
         Ok(Frame::Local(first.crs.clone(), EastNorthUp::new(origin)))
     }
 

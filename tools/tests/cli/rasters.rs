@@ -48,7 +48,11 @@ fn one_terrain_in_three_formats_builds_the_same_trees() {
     });
     rgb.save(dir.join("rgb.png")).unwrap();
     for name in ["grey.pgw", "rgb.pgw"] {
-        fs::write(dir.join(name), format!("2\n0\n0\n-2\n101\n{}\n", 200 + 2 * SIDE - 1)).unwrap();
+        fs::write(
+            dir.join(name),
+            format!("2\n0\n0\n-2\n101\n{}\n", 200 + 2 * SIDE - 1),
+        )
+        .unwrap();
     }
     let mut text = format!("ncols {SIDE}\nnrows {SIDE}\nxllcorner 100\nyllcorner 200\ncellsize 2\n");
     for row in 0..SIDE {
@@ -58,7 +62,11 @@ fn one_terrain_in_three_formats_builds_the_same_trees() {
     fs::write(dir.join("text.asc"), text).unwrap();
     build(&dir.join("grey.png"), &[], &dir.join("grey"));
     build(&dir.join("text.asc"), &[], &dir.join("text"));
-    build(&dir.join("rgb.png"), &["--terrain-rgb", "terrarium"], &dir.join("rgb"));
+    build(
+        &dir.join("rgb.png"),
+        &["--terrain-rgb", "terrarium"],
+        &dir.join("rgb"),
+    );
     let grey = trees(&dir.join("grey"));
     assert!(grey == trees(&dir.join("text")) && grey == trees(&dir.join("rgb")));
     let refused = brickfell([
@@ -89,5 +97,8 @@ fn degrees_are_placed_around_their_middle_and_guessed_with_a_warning() {
     let grid = dir.join("grid.asc");
     fs::write(&grid, text).unwrap();
     let warned = build(&grid, &[], &dir.join("grid"));
-    assert!(warned.contains("warning") && warned.contains("degrees"), "{warned}");
+    assert!(
+        warned.contains("warning") && warned.contains("degrees"),
+        "{warned}"
+    );
 }
