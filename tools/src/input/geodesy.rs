@@ -76,7 +76,7 @@ impl EastNorthUp {
     }
 
     /// The point of the frame of geocentric metres.
-    pub(crate) fn from_geocentric(self, p: DVec3) -> DVec3 {
+    pub(crate) fn to_local(self, p: DVec3) -> DVec3 {
         self.axes.transpose() * (p - self.centre)
     }
 }
@@ -104,7 +104,7 @@ mod tests {
         );
         // The topocentric example has its origin at a height of 200 m, which only moves Z.
         let frame = EastNorthUp::new(DVec2::new(5.0, 55.0));
-        let local = frame.from_geocentric(p) - DVec3::new(0.0, 0.0, 200.0);
+        let local = frame.to_local(p) - DVec3::new(0.0, 0.0, 200.0);
         let published = DVec3::new(-189_013.869, -128_642.040, -4_220.171);
         assert!((local - published).abs().max_element() < 2e-3, "{local}");
     }
@@ -118,7 +118,7 @@ mod tests {
             prop_assert!((h - height).abs() < 1e-7, "{h} {height}");
             let frame = EastNorthUp::new(DVec2::new(lat, lon * 0.5));
             let p = DVec3::new(lon * 1e3, lat * 1e3, height);
-            prop_assert!((frame.from_geocentric(frame.to_geocentric(p)) - p).length() < 1e-6);
+            prop_assert!((frame.to_local(frame.to_geocentric(p)) - p).length() < 1e-6);
         }
     }
 }

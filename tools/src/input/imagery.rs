@@ -10,11 +10,14 @@ use std::sync::Arc;
 
 use super::block_cache::RasterCache;
 use super::cells::{Cells, Window};
+#[cfg(test)]
 use super::crs::Crs;
 use super::error::InputError;
 use super::georef::Placement;
 use super::heights::HeightMap;
-use super::image_file::{Raster, read_colors};
+#[cfg(test)]
+use super::image_file::Raster;
+use super::image_file::read_colors;
 use super::linear::{LINEAR, linear_of, premultiplied};
 use super::place::{Frame, Place};
 

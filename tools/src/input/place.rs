@@ -119,7 +119,7 @@ pub(crate) struct Warp {
 
 #[derive(Debug)]
 enum World {
-    Plane(Projection, f64),
+    Plane(Box<Projection>, f64),
     Local(EastNorthUp),
 }
 
@@ -216,7 +216,7 @@ impl Warp {
 
     fn world(&self, at: DVec3) -> DVec3 {
         match &self.world {
-            World::Local(frame) => frame.from_geocentric(self.source.geocentric(at)),
+            World::Local(frame) => frame.to_local(self.source.geocentric(at)),
             World::Plane(projection, unit) => {
                 let (degrees, height) = match &self.source.geocentric {
                     Some((to_geocentric, _)) => geodetic(to_geocentric.transform_point3(at)),
@@ -251,7 +251,7 @@ impl Place {
             Frame::Plane(crs, unit) => {
                 let projection =
                     Projection::new(crs).map_err(|why| cannot_relate(path, &place.crs, crs, crs, &why))?;
-                (World::Plane(projection, *unit), crs)
+                (World::Plane(Box::new(projection), *unit), crs)
             }
             Frame::Local(crs, local) => (World::Local(*local), crs),
         };

@@ -98,7 +98,7 @@ mod tests {
         fn a_rectangle_is_covered_and_not_by_far(
             (w, h) in (1u32..90, 1u32..90), seed in 0u32..1000, (x0, x1, y0, y1) in (0u32..90, 0u32..90, 0u32..90, 0u32..90),
         ) {
-            let height = |c: u32, r: u32| if (c + r + seed) % 3 == 0 { f32::NAN } else { ((c * 7 + r * 13 + seed) % 101) as f32 };
+            let height = |c: u32, r: u32| if (c + r + seed).is_multiple_of(3) { f32::NAN } else { ((c * 7 + r * 13 + seed) % 101) as f32 };
             let mut ranges = Ranges::new(w, h);
             for r in 0..h {
                 let cells: Vec<Cell> = (0..w).map(|c| height(c, r).to_le_bytes()).collect();
@@ -112,7 +112,7 @@ mod tests {
                 all.fold(NONE, |a, h| merge(a, (h, h)))
             };
             let exact = brute(x0, x1, y0, y1);
-            let wide = brute(x0 & !15, (x1 + 15 & !15).min(w), y0 & !15, (y1 + 15 & !15).min(h));
+            let wide = brute(x0 & !15, ((x1 + 15) & !15).min(w), y0 & !15, ((y1 + 15) & !15).min(h));
             match ranges.over(x0..x1, y0..y1) {
                 Some(range) => prop_assert_eq!(range, wide),
                 None => prop_assert!(exact == NONE),

@@ -235,7 +235,7 @@ fn degrees_agree_and_lie_where_they_are() {
         assert!(name.contains("+lon_0=-121.5 +lat_0=46.5"), "{path:?}: {name}");
         for (c, r) in [(0, 0), (60, 0), (7, 50), (30, 30), (60, 60)] {
             let place = DVec2::new(-122.0 + f64::from(c) * step, 47.0 - f64::from(r) * step);
-            let p = frame.from_geocentric(geocentric(place, height(c, r)));
+            let p = frame.to_local(geocentric(place, height(c, r)));
             let z = map.height_at(p.x, p.y).unwrap().unwrap();
             // Slopes of 40 m in 1.3 km, and positions that are rounded to 2^-20 pixels.
             assert!((z - p.z).abs() < 2e-3, "{path:?} {c} {r}: {z} is not {}", p.z);
@@ -496,7 +496,7 @@ fn what_is_larger_than_its_memory_gives_the_same_bits() {
     let dir = tempfile::tempdir().unwrap();
     let n = 800;
     let sample = |c: u32, r: u32| {
-        if (c / 7 + r) % 31 == 0 {
+        if (c / 7 + r).is_multiple_of(31) {
             f32::NAN
         } else {
             (c * 3 + r) as f32 * 0.01

@@ -192,7 +192,7 @@ impl Header {
         let size = ((max - min) / step).round() + 1.0;
         let samples: usize = self.profiles.iter().map(|p| p.count).sum();
         // A quadrangle fills most of its rectangle; what would not is a damaged number.
-        if !(size.x * size.y <= 16.0 * samples as f64 + 65536.0) {
+        if !size.is_finite() || size.x * size.y > 16.0 * samples as f64 + 65536.0 {
             return Err(InputError::damaged(
                 path,
                 format!(

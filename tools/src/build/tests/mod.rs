@@ -2,6 +2,7 @@
 
 mod filters;
 mod folder;
+mod ground;
 mod opacity;
 mod seams;
 
