@@ -64,6 +64,7 @@ fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
         node_tiles: sizes.tiles,
         request_capacity: REQUEST_CAPACITY,
         request_share: 1,
+        segment_samples: 1,
         ..Default::default()
     };
     // Eight voxels of a metre, from 1 m before the eye.
