@@ -67,13 +67,7 @@ fn the_gpu_agrees_with_the_reference_in_every_setting() {
         let default = RenderSettings::default();
         let settings = [
             ("default", default),
-            (
-                "nearest level",
-                RenderSettings {
-                    mix_levels: false,
-                    ..default
-                },
-            ),
+            ("nearest level", RenderSettings { fade: 0.0, ..default }),
             ("bias 0", RenderSettings { bias: 0.0, ..default }),
             ("bias 1", RenderSettings { bias: 1.0, ..default }),
             ("half steps", RenderSettings { step: -1, ..default }),

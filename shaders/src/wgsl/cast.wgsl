@@ -174,6 +174,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     var word = vec2(0u);    // of the node in hand
     var parent = vec2(0u);  // of its parent
     var wanted = MAX_LEVELS; // level asked for at the last descent
+    var fading = false;     // whether it was to be mixed with its parent
     var alone = true;       // the node is used without its parent
     var parts = frame.segment_samples; // of the segment, from here on
     var fine = 0u;          // level wanted where the segment begins, and its share
@@ -189,17 +190,16 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         // The wanted level where a segment begins, fractional, and the two levels around it.
         if (parts == frame.segment_samples) {
             let lambda = clamp(log2_footprint - log2(max(tree.depth0 + t, 1e-30)), 0.0, deepest);
-            fine = u32(ceil(lambda));
-            weight = select(lambda - (f32(fine) - 1.0), 1.0, fine == 0u);
-            if (frame.mix_levels == 0u) {
-                fine = u32(floor(lambda + 0.5));
-                weight = 1.0;
-            }
+            let coarser = floor(lambda);
+            weight = clamp((lambda - coarser - 0.5) / max(frame.fade, 1e-6) + 0.5, 0.0, 1.0);
+            fine = u32(coarser) + u32(weight > 0.0);
+            weight = select(weight, 1.0, weight == 0.0);
         }
 
-        if (fine != wanted || stacked < reached) {
+        if (fine != wanted || (weight < 1.0) != fading || stacked < reached) {
             // Descend from the common ancestor.
             wanted = fine;
+            fading = weight < 1.0;
             level = min(stacked, fine);
             word = read_node(stack[level]);
             while (level < fine && (word.x & POINTER) != 0u) {
@@ -210,7 +210,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
             }
             stacked = level;
             reached = level;
-            alone = level < fine || level == 0u;
+            alone = level < fine || level == 0u || !fading;
             if ((level < fine && (word.x & TERMINAL) == 0u) || !has_data(word)) {
                 ask(tree_index, fine, cell, tree.depth + 3u - fine);
                 alone = true;
@@ -236,7 +236,6 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
 
         // The box of the segment, in finest voxels: one voxel of the node's level (2^segment_shift of them), or where the
         // value is constant more.
-        let single = alone || weight >= 1.0;
         let voxel_shift = tree.depth - level;
         let node_shift = voxel_shift + 3u;
         let node_low = (cell >> vec3(node_shift)) << vec3(node_shift);
@@ -246,7 +245,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         var size = 1i << segment_shift;
         var closed = false;
         if (is_constant) {
-            if (single) {
+            if (alone) {
                 closed = true;
             } else if ((parent.x & BRICK) == 0u) {
                 closed = (word.y | parent.y) >> 24u == 0u;
@@ -259,7 +258,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
                     closed = true;
                 }
             }
-            if (closed && (single || (parent.x & BRICK) == 0u)) {
+            if (closed && (alone || (parent.x & BRICK) == 0u)) {
                 low = node_low;
                 size = 8i << voxel_shift;
             }
@@ -273,7 +272,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         if (closed) {
             // A closed form holds until another pair of levels is mixed; just past that depth, so that rounding cannot
             // bring the same pair back.
-            let change = exp2(log2_footprint - f32(level) + select(1.0, 0.0, single));
+            let change = exp2(log2_footprint - f32(level) + 0.5 + select(0.5, -0.5, alone) * frame.fade);
             let t_change = change * 1.000004 - tree.depth0;
             if (t_change > t && t_change < t_next) {
                 t_next = t_change;
@@ -296,14 +295,14 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
             var scale = exp2(-f32(voxel_shift));
             var low = node_low;
             var shown = word;
-            var share = select(weight, 1.0, single || closed);
+            var share = select(weight, 1.0, alone || closed);
             var light = Light(vec3(0.0), 0.0);
             for (var k = 0u; k < 2u; k++) {
                 let local = clamp((p - vec3<f32>(low - tree.cell)) * scale, vec3(0.0), vec3(8.0));
                 let one = convert(shown, local, tree.texel_offset, tree.gain, s * scale);
                 light.rgb += share * one.rgb;
                 light.a += share * one.a;
-                if (single || closed) {
+                if (alone || closed) {
                     break;
                 }
                 low = (node_low >> vec3(node_shift + 1u)) << vec3(node_shift + 1u);
