@@ -9,30 +9,31 @@ use rayon::prelude::*;
 use super::blocks::{BlockColumn, Blocks, Dense, Slot, in_block, new_dense};
 use super::filter::{Cover, Level, thinned};
 use super::ground::{Ground, GroundGrid};
-use super::lattice::{CellBox, Lattice, SIDE, TreePlace};
+use super::lattice::{CellBox, Lattice, Region, SIDE};
 use super::overlap::for_each_cell;
 use super::sample::{Look, Sample};
+use super::spill::{Reader, Writer};
 use super::surface::{Facet, Surfaces};
 
 /// Block columns of a tile per axis.
 const TILE: i64 = 8;
 
-/// What the finest level of a tree is made from.
+/// What the finest level of a region is made from.
 pub(crate) struct Sources<'a> {
     pub(crate) lattice: Lattice,
-    pub(crate) place: TreePlace,
-    /// Height maps over the tree and its margin.
+    pub(crate) region: Region,
+    /// Height maps over the region and its margin.
     pub(crate) grids: &'a [GroundGrid],
     /// Lowest solid cell of a column of trees; `None` where it has no ground.
     pub(crate) bottom: &'a (dyn Fn((i64, i64)) -> Option<i64> + Sync),
     pub(crate) surfaces: &'a Surfaces<'a>,
-    /// Numbers, ascending, of the triangles that may meet the tree and its margin.
+    /// Numbers, ascending, of the triangles that may meet the region and its margin.
     pub(crate) triangles: &'a [u32],
     /// Whether the filter asks for what samples cover.
     pub(crate) covers: bool,
 }
 
-/// The tree's own cells that a surface meets.
+/// A region's own cells that a surface meets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Met {
     pub(crate) count: u64,
@@ -41,6 +42,27 @@ pub(crate) struct Met {
 }
 
 impl Met {
+    /// Writes it.
+    pub(crate) fn write(&self, out: &mut Writer) {
+        let bounds = self.bounds.unwrap_or(CellBox {
+            lo: [0; 3],
+            hi: [0; 3],
+        });
+        out.put(&self.count);
+        out.put(&[bounds.lo, bounds.hi]);
+    }
+
+    /// What was written.
+    pub(crate) fn read(reader: &mut Reader) -> Option<Self> {
+        let count = reader.get()?;
+        let [lo, hi] = reader.get()?;
+        let bounds = CellBox { lo, hi };
+        Some(Self {
+            count,
+            bounds: (!bounds.is_empty()).then_some(bounds),
+        })
+    }
+
     fn add(&mut self, cell: [i64; 3]) {
         let one = CellBox {
             lo: cell,
@@ -52,7 +74,8 @@ impl Met {
         });
     }
 
-    fn with(&self, other: &Met) -> Met {
+    /// Those of both.
+    pub(crate) fn with(&self, other: &Met) -> Met {
         let bounds = match (self.bounds, other.bounds) {
             (Some(a), Some(b)) => Some(CellBox {
                 lo: std::array::from_fn(|k| a.lo[k].min(b.lo[k])),
@@ -72,7 +95,7 @@ type Column = (BlockColumn<Sample>, BlockColumn<Cover>);
 
 /// Voxelises the finest level.
 pub(crate) fn voxelise(sources: &Sources) -> (Level, Met) {
-    let extent = sources.lattice.support(sources.place, 0).blocks();
+    let extent = sources.region.support(0).blocks();
     let tiles = tiles(&extent);
     let lists = triangles_by_tile(sources, &tiles);
     let done: Vec<(Vec<Column>, Met)> = tiles
@@ -204,7 +227,7 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, triangles: &[u32]) -> (Vec<C
             }
         });
     }
-    let own = sources.lattice.own(sources.place);
+    let own = sources.region.own;
     let mut met = Met::default();
     let columns = super::blocks::block_columns(tile)
         .into_iter()

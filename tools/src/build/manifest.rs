@@ -17,8 +17,13 @@ pub(crate) const MANIFEST: &str = "build.json";
 pub(crate) const EMPTY_TREES: &str = "empty_trees.txt";
 /// The folder of trees.
 pub(crate) const TREES: &str = "trees";
+/// What a build leaves for itself while it is under way.
+pub(crate) const SCRATCH: &str = "scratch";
 /// The scene.
 pub(crate) const SCENE: &str = "scene.xml";
+
+/// How the names of scratch files begin.
+const SCRATCH_FILES: [&str; 2] = ["tile_", "bin_"];
 
 const FORMAT: &str = "brickfell-build";
 /// Raised whenever the builder makes other bytes from the same input.
@@ -135,6 +140,7 @@ fn remove_ours(out: &Path) -> Result<(), BuildError> {
         }
     }
     let _ = fs::remove_dir(&trees);
+    remove_scratch(out)?;
     for name in [SCENE, EMPTY_TREES, MANIFEST] {
         let path = out.join(name);
         if path.exists() {
@@ -157,6 +163,27 @@ pub(crate) fn remove_tree(folder: &Path) -> Result<(), BuildError> {
         }
     }
     let _ = fs::remove_dir(folder);
+    Ok(())
+}
+
+/// Removes what builds leave for themselves.
+///
+/// # Errors
+/// If a file cannot be removed.
+pub(crate) fn remove_scratch(out: &Path) -> Result<(), BuildError> {
+    let scratch = out.join(SCRATCH);
+    if let Ok(entries) = fs::read_dir(&scratch) {
+        for entry in entries.flatten() {
+            let name = entry.file_name();
+            if SCRATCH_FILES
+                .iter()
+                .any(|start| name.to_string_lossy().starts_with(start))
+            {
+                fs::remove_file(entry.path()).map_err(BuildError::io(&entry.path()))?;
+            }
+        }
+        let _ = fs::remove_dir(&scratch);
+    }
     Ok(())
 }
 

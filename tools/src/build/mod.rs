@@ -28,10 +28,13 @@ mod plan;
 mod progress;
 mod sample;
 mod scene;
+mod schedule;
+mod spill;
 mod surface;
 #[cfg(test)]
 mod tests;
 mod texels;
+mod tile;
 mod tree;
 
 use std::collections::BTreeSet;
@@ -41,8 +44,6 @@ use std::path::{Path, PathBuf};
 
 use brickfell_formats::chunk::Encoding;
 use brickfell_formats::layout::{BRICK_VOXELS, SampleLayout};
-use brickfell_formats::octree::TreeHeader;
-use brickfell_formats::octree_binary;
 
 pub use error::BuildError;
 pub use filter::Filter;
@@ -53,13 +54,16 @@ use crate::input::{HeightUnit, Inputs, Mesh, UpAxis};
 use lattice::Lattice;
 use manifest::{Arguments, EMPTY_TREES, Manifest, SCENE, TREES};
 use scene::SceneTree;
+use schedule::{Schedule, Workers};
 use surface::Surfaces;
-use tree::{TREE_FILE, Terrain, build_tree};
+use tree::{TREE_FILE, Terrain};
 
 /// Where samples lie unless told.
 pub const DEFAULT_LAYOUT: SampleLayout = SampleLayout::Centre;
 /// Finest voxels per axis of a tree unless told.
 pub const DEFAULT_TREE_VOXELS: u32 = 512;
+/// Memory to work with unless told, bytes.
+pub const DEFAULT_MEMORY: u64 = 2 << 30;
 /// Voxels across the longest side of a terrain without height maps, unless told.
 const DEFAULT_RESOLUTION: f64 = 1024.0;
 
@@ -92,6 +96,8 @@ pub struct BuildArgs {
     pub force: bool,
     /// Threads to work with; 0 is one per core.
     pub threads: usize,
+    /// Memory to work with, bytes.
+    pub memory: u64,
 }
 
 impl BuildArgs {
@@ -111,6 +117,7 @@ impl BuildArgs {
             filter: Filter::default(),
             force: false,
             threads: 0,
+            memory: DEFAULT_MEMORY,
         }
     }
 }
@@ -216,43 +223,22 @@ impl Inputs {
         };
         report.warnings = self.warnings();
         let mut empty = EmptyTrees::load(&args.out);
-        let folder = |place| args.out.join(TREES).join(lattice.tree_name(place));
-        let finished = |name: &str, folder: &Path| empty.names.contains(name) || folder.is_dir();
-        let done = plan
-            .trees
-            .iter()
-            .filter(|p| finished(&lattice.tree_name(**p), &folder(**p)))
-            .count();
-        progress.start(plan.trees.len() as u64, done as u64);
         let mut trees = Vec::new();
-        let mut new_voxels = 0;
-        for place in &plan.trees {
-            let (name, folder) = (lattice.tree_name(*place), folder(*place));
-            if empty.names.contains(&name) {
-                continue;
-            }
-            let header = if folder.is_dir() {
-                report.resumed += 1;
-                Some(read_header(&folder.join(TREE_FILE))?)
-            } else {
-                let header = build_tree(&terrain, *place, &folder)?;
-                new_voxels += header.map_or(0, |h| h.surface_voxels);
-                if header.is_none() {
-                    empty.add(&name)?;
-                }
-                progress.tree(new_voxels);
-                header
-            };
-            if let Some(header) = header {
-                report.surface_voxels += header.surface_voxels;
-                let column = lattice.column_of(place.origin[0], place.origin[1]);
-                trees.push(SceneTree {
-                    column,
-                    file: format!("{TREES}/{name}/{TREE_FILE}"),
-                    header,
-                });
-            }
-        }
+        let mut schedule = Schedule {
+            terrain: &terrain,
+            out: &args.out,
+            workers: Workers::new(args),
+            progress,
+        };
+        schedule.run(&mut empty, |place, header, resumed| {
+            report.resumed += usize::from(resumed);
+            report.surface_voxels += header.surface_voxels;
+            trees.push(SceneTree {
+                column: lattice.column_of(place.origin[0], place.origin[1]),
+                file: format!("{TREES}/{}/{TREE_FILE}", lattice.tree_name(place)),
+                header,
+            });
+        })?;
         report.trees = trees.len();
         empty.write()?;
         let crs = self.layers.iter().find_map(|l| l.map.georef.crs.clone());
@@ -284,12 +270,6 @@ fn manifest(args: &BuildArgs, lattice: &Lattice) -> Result<Manifest, BuildError>
         files.extend(height.imagery.as_deref().map(|p| ("imagery", p)));
     }
     Manifest::new(arguments, &files)
-}
-
-fn read_header(path: &Path) -> Result<TreeHeader, BuildError> {
-    let bytes = fs::read(path).map_err(BuildError::io(path))?;
-    let index = octree_binary::decode_header(&bytes, bytes.len() as u64).map_err(BuildError::format(path))?;
-    Ok(index.header)
 }
 
 /// Trees that turned out empty, kept so that a resumed build does not look again.

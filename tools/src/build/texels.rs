@@ -2,7 +2,6 @@
 
 use rayon::prelude::*;
 
-use brickfell_formats::chunk::Layers;
 use brickfell_formats::value::SOLID_ALPHA;
 
 use super::blocks::{BLOCK, Block, BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense};
@@ -132,14 +131,6 @@ impl TexelLevel {
         };
         opacities.gather(&self.area, base, side, out);
         true
-    }
-
-    /// What is stored of each texel.
-    pub(crate) fn layers(&self) -> Layers {
-        match &self.opacities {
-            None => Layers::Plain,
-            Some(_) => Layers::Axes,
-        }
     }
 
     /// What the texels of such a cube have in common.

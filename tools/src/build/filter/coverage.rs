@@ -8,13 +8,16 @@
 
 use std::sync::LazyLock;
 
+use bytemuck::{Pod, Zeroable};
+
 use super::step::{Parts, Rule};
 use crate::build::blocks::{Block, Blocks, in_block};
 use crate::build::lattice::SIDE;
 use crate::build::sample::{SKIN_MAX, Sample};
 
 /// Outlines of a voxel against x, y, z. Against axis a, bit `8 v + u` is the place u along axis a + 1, v along a + 2 (mod 3).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(transparent)]
 pub(crate) struct Cover(pub(crate) [u64; 3]);
 
 impl Cover {

@@ -90,7 +90,8 @@ fn constants_expand_to_what_bricks_would_store() {
         let plan = Plan::new(&lattice, &inputs.layers, &surfaces).unwrap();
         let triangles: Vec<u32> = (0..surfaces.len() as u32).collect();
         for place in &plan.trees {
-            let support = lattice.support(*place, 0);
+            let region = lattice.tree(TreePlace { origin: place.origin });
+            let support = region.support(0);
             let grids: Vec<_> = inputs
                 .layers
                 .iter()
@@ -98,7 +99,7 @@ fn constants_expand_to_what_bricks_would_store() {
                 .collect();
             let (mut samples, _) = voxelise(&Sources {
                 lattice,
-                place: TreePlace { origin: place.origin },
+                region,
                 grids: &grids,
                 bottom: &|c| plan.bottom(c),
                 surfaces: &surfaces,
@@ -108,17 +109,17 @@ fn constants_expand_to_what_bricks_would_store() {
             let mut hints = Hints::finest(&grids, &support);
             for mip in 0..=lattice.depth {
                 if mip > 0 {
-                    let cells = lattice.support(*place, mip);
+                    let cells = region.support(mip);
                     hints = hints.coarser(layout, &cells);
                     samples = samples.coarser(filter, &Target { layout, mip, cells });
                 }
-                let area = lattice.stored(*place, mip);
+                let area = region.stored(layout, mip);
                 let texels = TexelLevel::new(
                     &samples.samples,
                     samples.skins(filter, mip < lattice.depth),
                     &hints,
                     area,
-                    &lattice.support(*place, mip),
+                    &region.support(mip),
                 );
                 let (mut cube, side) = (Vec::new(), area.hi[0] - area.lo[0]);
                 texels.gather(area.lo, side, &mut cube);
