@@ -15,6 +15,7 @@
 //! Called from one thread, which waits; the work is spread over a pool of threads of its own. Bytes do not depend on the
 //! number of threads, nor on whether a build was interrupted and resumed.
 
+mod bins;
 mod blocks;
 mod error;
 mod filter;
@@ -44,18 +45,19 @@ use std::path::{Path, PathBuf};
 
 use brickfell_formats::chunk::Encoding;
 use brickfell_formats::layout::{BRICK_VOXELS, SampleLayout};
+use glam::DVec3;
 
 pub use error::BuildError;
 pub use filter::Filter;
 pub use progress::{IndicatifProgress, Progress, Silent};
 
 pub use crate::input::HeightInput;
-use crate::input::{HeightUnit, Inputs, Mesh, UpAxis};
+use crate::input::{HeightUnit, Inputs, Layer, UpAxis, mesh};
+use bins::Bins;
 use lattice::Lattice;
 use manifest::{Arguments, EMPTY_TREES, Manifest, SCENE, TREES};
 use scene::SceneTree;
 use schedule::{Schedule, Workers};
-use surface::Surfaces;
 use tree::{TREE_FILE, Terrain};
 
 /// Where samples lie unless told.
@@ -64,6 +66,8 @@ pub const DEFAULT_LAYOUT: SampleLayout = SampleLayout::Centre;
 pub const DEFAULT_TREE_VOXELS: u32 = 512;
 /// Memory to work with unless told, bytes.
 pub const DEFAULT_MEMORY: u64 = 2 << 30;
+/// The part of the memory that faces may take: one of so many.
+const FACES_SHARE: u64 = 4;
 /// Voxels across the longest side of a terrain without height maps, unless told.
 const DEFAULT_RESOLUTION: f64 = 1024.0;
 
@@ -148,22 +152,7 @@ pub fn build(args: &BuildArgs, progress: &dyn Progress) -> Result<BuildReport, B
         .num_threads(args.threads)
         .build()
         .map_err(|e| BuildError::Threads(e.to_string()))?;
-    pool.install(|| {
-        let inputs = Inputs::load(&args.inputs, &args.heights, args.up, args.height_unit)?;
-        let voxel = args.voxel.unwrap_or_else(|| inputs.default_voxel());
-        if !(1e-9..=1e9).contains(&voxel) {
-            return Err(BuildError::Voxel(voxel));
-        }
-        inputs.build(
-            args,
-            Lattice {
-                voxel,
-                depth,
-                layout: args.layout,
-            },
-            progress,
-        )
-    })
+    pool.install(|| Ground::load(args)?.build(args, depth, progress))
 }
 
 /// Checks the arguments and gives the depth of trees.
@@ -184,71 +173,116 @@ fn check(args: &BuildArgs) -> Result<u8, BuildError> {
     Ok((n / BRICK_VOXELS).ilog2() as u8)
 }
 
-impl Inputs {
-    fn default_voxel(&self) -> f64 {
-        let pixels = self.layers.iter().map(|l| l.map.pixel_size().min_element());
-        pixels.reduce(f64::min).unwrap_or_else(|| {
-            let boxes = self.meshes.iter().map(Mesh::bounds);
-            let all = boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-            all.map_or(0.0, |(min, max)| (max - min).max_element() / DEFAULT_RESOLUTION)
-        })
+/// What is in memory of the input before the lattice is known.
+struct Ground {
+    layers: Vec<Layer>,
+}
+
+impl Ground {
+    fn load(args: &BuildArgs) -> Result<Self, BuildError> {
+        let layers = Inputs::load(&[], &args.heights, args.up, args.height_unit)?.layers;
+        Ok(Self { layers })
     }
 
-    fn build(
-        &self,
-        args: &BuildArgs,
-        lattice: Lattice,
-        progress: &dyn Progress,
-    ) -> Result<BuildReport, BuildError> {
-        let surfaces = Surfaces::new(&self.meshes, lattice);
-        let plan = plan::Plan::new(&lattice, &self.layers, &surfaces)?;
-        manifest::claim(&args.out, &manifest(args, &lattice)?, args.force)?;
-        let terrain = Terrain {
-            lattice,
-            layers: &self.layers,
-            surfaces: &surfaces,
-            plan: &plan,
-            encoding: args.encoding,
-            chunk_log2: args.chunk_log2,
-            // Without triangles there are no outlines, and no layer is to be stored of them.
-            filter: if surfaces.len() == 0 {
-                Filter::Double
-            } else {
-                args.filter
-            },
+    fn build(&self, args: &BuildArgs, depth: u8, progress: &dyn Progress) -> Result<BuildReport, BuildError> {
+        let voxel = match args.voxel {
+            Some(voxel) => voxel,
+            None => self.default_voxel(args)?,
         };
-        let mut report = BuildReport {
-            voxel: lattice.voxel,
-            ..BuildReport::default()
+        if !(1e-9..=1e9).contains(&voxel) {
+            return Err(BuildError::Voxel(voxel));
+        }
+        let lattice = Lattice {
+            voxel,
+            depth,
+            layout: args.layout,
         };
-        report.warnings = self.warnings();
-        let mut empty = EmptyTrees::load(&args.out);
-        let mut trees = Vec::new();
-        let mut schedule = Schedule {
-            terrain: &terrain,
-            out: &args.out,
-            workers: Workers::new(args),
-            progress,
-        };
-        schedule.run(&mut empty, |place, header, resumed| {
-            report.resumed += usize::from(resumed);
-            report.surface_voxels += header.surface_voxels;
-            trees.push(SceneTree {
-                column: lattice.column_of(place.origin[0], place.origin[1]),
-                file: format!("{TREES}/{}/{TREE_FILE}", lattice.tree_name(place)),
-                header,
-            });
-        })?;
-        report.trees = trees.len();
-        empty.write()?;
-        let crs = self.layers.iter().find_map(|l| l.map.georef.crs.clone());
-        manifest::write_whole(
-            &args.out.join(SCENE),
-            scene::scene(trees, crs).to_xml().as_bytes(),
-        )?;
-        progress.finish();
-        Ok(report)
+        let mut faces = Bins::new(lattice, &args.out, (args.memory / FACES_SHARE) as usize);
+        let mut warnings = Vec::new();
+        for path in &args.inputs {
+            let first = faces.materials.len() as u32;
+            let mesh = mesh::stream(path, args.up, |new| faces.add(new, first))?;
+            faces.materials.extend(mesh.materials);
+            warnings.extend(mesh.warnings);
+        }
+        build_from(args, lattice, &self.layers, &faces, warnings, progress)
     }
+
+    /// The smallest pixel of height maps, else a part of the longest side of the meshes.
+    fn default_voxel(&self, args: &BuildArgs) -> Result<f64, BuildError> {
+        let pixels = self.layers.iter().map(|l| l.map.pixel_size().min_element());
+        if let Some(pixel) = pixels.reduce(f64::min) {
+            return Ok(pixel);
+        }
+        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for path in &args.inputs {
+            mesh::stream(path, args.up, |faces| {
+                for p in faces.iter().flat_map(|f| f.corners) {
+                    (min, max) = (min.min(p), max.max(p));
+                }
+                Ok::<_, BuildError>(())
+            })?;
+        }
+        Ok((max - min).max_element() / DEFAULT_RESOLUTION)
+    }
+}
+
+/// Builds from height maps and binned faces.
+fn build_from(
+    args: &BuildArgs,
+    lattice: Lattice,
+    layers: &[Layer],
+    faces: &Bins,
+    warnings: Vec<String>,
+    progress: &dyn Progress,
+) -> Result<BuildReport, BuildError> {
+    let plan = plan::Plan::new(&lattice, layers, faces)?;
+    manifest::claim(&args.out, &manifest(args, &lattice)?, args.force)?;
+    let terrain = Terrain {
+        lattice,
+        layers,
+        faces,
+        plan: &plan,
+        encoding: args.encoding,
+        chunk_log2: args.chunk_log2,
+        // Without triangles there are no outlines, and no layer is to be stored of them.
+        filter: if faces.len() == 0 {
+            Filter::Double
+        } else {
+            args.filter
+        },
+    };
+    let mut report = BuildReport {
+        voxel: lattice.voxel,
+        ..BuildReport::default()
+    };
+    report.warnings = warnings;
+    let mut empty = EmptyTrees::load(&args.out);
+    let mut trees = Vec::new();
+    let mut schedule = Schedule {
+        terrain: &terrain,
+        out: &args.out,
+        workers: Workers::new(args),
+        progress,
+    };
+    schedule.run(&mut empty, |place, header, resumed| {
+        report.resumed += usize::from(resumed);
+        report.surface_voxels += header.surface_voxels;
+        trees.push(SceneTree {
+            column: lattice.column_of(place.origin[0], place.origin[1]),
+            file: format!("{TREES}/{}/{TREE_FILE}", lattice.tree_name(place)),
+            header,
+        });
+    })?;
+    report.trees = trees.len();
+    empty.write()?;
+    let crs = layers.iter().find_map(|l| l.map.georef.crs.clone());
+    manifest::write_whole(
+        &args.out.join(SCENE),
+        scene::scene(trees, crs).to_xml().as_bytes(),
+    )?;
+    progress.finish();
+    Ok(report)
 }
 
 fn manifest(args: &BuildArgs, lattice: &Lattice) -> Result<Manifest, BuildError> {

@@ -78,10 +78,15 @@ pub(crate) fn tile_top(lattice: &Lattice) -> u8 {
     lattice.depth.min(LEVELS)
 }
 
+/// Finest cells of a tile per axis.
+pub(crate) fn tile_side(lattice: &Lattice) -> i64 {
+    lattice.side().min(SIDE)
+}
+
 /// The tiles of a tree.
 pub(crate) fn tiles(lattice: &Lattice, tree: TreePlace) -> Vec<Tile> {
     let own = lattice.own(tree);
-    let side = lattice.side().min(SIDE);
+    let side = tile_side(lattice);
     let steps = |k: usize| (own.lo[k]..own.hi[k]).step_by(side as usize);
     steps(1)
         .flat_map(|y| steps(0).map(move |x| (x, y)))
@@ -117,16 +122,17 @@ impl Tile {
             .iter()
             .filter_map(|layer| GroundGrid::new(layer, lattice, &support))
             .collect();
-        let triangles = terrain.triangles(&support, self);
+        let faces = terrain.faces.near(self.region.own.lo, &support)?;
         let (mut level, met) = voxelise(&Sources {
             lattice: *lattice,
             region: self.region,
             grids: &grids,
             bottom: &|column| terrain.plan.bottom(column),
-            surfaces: terrain.surfaces,
-            triangles: &triangles,
+            materials: &terrain.faces.materials,
+            faces: &faces,
             covers: terrain.filter.covers(),
         });
+        drop(faces);
         let occupied = !level.samples.is_empty_in(&self.region.own.blocks());
         let mut hints = Hints::finest(&grids, &support);
         drop(grids);

@@ -15,16 +15,16 @@ use brickfell_formats::octree::TreeHeader;
 use brickfell_formats::value::BUILD_GAIN;
 use brickfell_formats::{morton, octree_binary};
 
+use super::bins::Bins;
 use super::error::BuildError;
 use super::filter::{Filter, Level, Target};
-use super::finest::{Met, triangle_cells};
+use super::finest::Met;
 use super::ground::Hints;
 use super::lattice::{CellBox, Lattice, TreePlace};
 use super::manifest::{PARTIAL, remove_tree};
 use super::nodes::{LevelNodes, State, level_nodes, octree};
 use super::plan::Plan;
 use super::spill::Reader;
-use super::surface::Surfaces;
 use super::texels::TexelLevel;
 use super::tile::{StoredChunk, Tile, TileFile, TileLevel, code_chunks, tile_top};
 use crate::input::Layer;
@@ -36,7 +36,7 @@ pub(crate) const TREE_FILE: &str = "tree.oct";
 pub(crate) struct Terrain<'a> {
     pub(crate) lattice: Lattice,
     pub(crate) layers: &'a [Layer],
-    pub(crate) surfaces: &'a Surfaces<'a>,
+    pub(crate) faces: &'a Bins,
     pub(crate) plan: &'a Plan,
     pub(crate) encoding: Encoding,
     pub(crate) chunk_log2: u8,
@@ -44,17 +44,6 @@ pub(crate) struct Terrain<'a> {
 }
 
 impl Terrain<'_> {
-    /// Numbers of the triangles that may meet a box around a tile.
-    pub(crate) fn triangles(&self, support: &CellBox, tile: &Tile) -> Vec<u32> {
-        let [x, y, _] = tile.tree.origin;
-        let near = |number: &u32| {
-            let corners = self.surfaces.corners(*number as usize);
-            corners.is_some_and(|c| !triangle_cells(&c).intersection(support).is_empty())
-        };
-        let column = self.plan.columns.get(&self.lattice.column_of(x, y));
-        column.map_or(Vec::new(), |c| c.triangles.iter().copied().filter(near).collect())
-    }
-
     /// What files store of each sample.
     fn layers(&self) -> Layers {
         match self.filter {

@@ -11,7 +11,6 @@ use super::image_file::Raster;
 use super::linear::linear_of;
 use super::materials::{self, MtlMaterial};
 use super::mesh::Material;
-use super::obj::Corner;
 use super::texture::Texture;
 
 /// A material name of the mesh and what the libraries say about it.
@@ -72,16 +71,10 @@ pub(crate) fn read_libraries(
 pub(crate) fn resolve(
     path: &Path,
     names: &[String],
-    triangles: &[([Corner; 3], u32)],
+    in_use: &[bool],
     library: &Library,
     warnings: &mut Vec<String>,
 ) -> Vec<Used> {
-    let mut in_use = vec![false; names.len()];
-    for (_, material) in triangles {
-        if let Some(flag) = in_use.get_mut(*material as usize) {
-            *flag = true;
-        }
-    }
     let resolve = |(name, in_use): (&String, bool)| {
         let found = if in_use {
             library.materials.get(name).map(|(material, _)| material.clone())
@@ -99,7 +92,7 @@ pub(crate) fn resolve(
             found,
         }
     };
-    names.iter().zip(in_use).map(resolve).collect()
+    names.iter().zip(in_use.iter().copied()).map(resolve).collect()
 }
 
 /// The files of a material's colour and of its opacity.

@@ -12,7 +12,7 @@ use brickfell_formats::layout::SampleLayout;
 
 use self::coverage::Coverage;
 pub(crate) use self::coverage::{Cover, Skins};
-pub(crate) use self::outline::{outline, thinned};
+pub(crate) use self::outline::{Outlines, thinned};
 use self::step::{Parts, Rule, coarser};
 use super::blocks::Blocks;
 use super::lattice::CellBox;

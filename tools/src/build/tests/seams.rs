@@ -34,8 +34,7 @@ fn large_and_small_trees_store_the_same_samples() {
         assert_eq!(large.surface_voxels, small.surface_voxels);
         // Solid goes down by root voxels, which are not the same; compare above.
         let bottom = |lattice: &Lattice| {
-            let surfaces = Surfaces::new(&inputs.meshes, *lattice);
-            let plan = Plan::new(lattice, &inputs.layers, &surfaces).unwrap();
+            let plan = Plan::new(lattice, &inputs.layers, &bins(&inputs, *lattice)).unwrap();
             plan.columns.values().filter_map(|c| c.bottom).max().unwrap()
         };
         let bottom = bottom(&large.lattice).max(bottom(&small.lattice));
@@ -86,9 +85,8 @@ fn constants_expand_to_what_bricks_would_store() {
         let db = db(&inputs, 64, layout, filter);
         assert!(db.constants > 10);
         let lattice = db.lattice;
-        let surfaces = Surfaces::new(&inputs.meshes, lattice);
-        let plan = Plan::new(&lattice, &inputs.layers, &surfaces).unwrap();
-        let triangles: Vec<u32> = (0..surfaces.len() as u32).collect();
+        let bins = bins(&inputs, lattice);
+        let plan = Plan::new(&lattice, &inputs.layers, &bins).unwrap();
         for place in &plan.trees {
             let region = lattice.tree(TreePlace { origin: place.origin });
             let support = region.support(0);
@@ -97,13 +95,15 @@ fn constants_expand_to_what_bricks_would_store() {
                 .iter()
                 .filter_map(|l| GroundGrid::new(l, &lattice, &support))
                 .collect();
+            // Trees of this size are one tile each.
+            let faces = bins.near(region.own.lo, &support).unwrap();
             let (mut samples, _) = voxelise(&Sources {
                 lattice,
                 region,
                 grids: &grids,
                 bottom: &|c| plan.bottom(c),
-                surfaces: &surfaces,
-                triangles: &triangles,
+                materials: &bins.materials,
+                faces: &faces,
                 covers: filter.covers(),
             });
             let mut hints = Hints::finest(&grids, &support);
