@@ -18,11 +18,15 @@ use super::error::BuildError;
 use super::lattice::{SIDE, TreePlace};
 use super::manifest::{SCRATCH, TREES};
 use super::progress::Progress;
-use super::tile::{Tile, TileFile, tile_top, tiles};
+use super::tile::{Tile, TileFile, tile_side, tile_top, tiles};
 use super::tree::{TREE_FILE, Terrain, finish_tree};
 use super::{BuildArgs, EmptyTrees};
 
-/// Threads that do one job each.
+/// What a tile takes while it is made: the largest of the bench, with vegetation of a few layers.
+const TILE_MEMORY: u64 = 192 << 20;
+
+/// Threads that do one job each: as many as threads and half of the memory allow; the other half is for faces, rasters and what
+/// is put together.
 pub(crate) struct Workers {
     threads: usize,
     jobs: usize,
@@ -34,9 +38,10 @@ impl Workers {
             0 => std::thread::available_parallelism().map_or(1, |n| n.get()),
             n => n,
         };
+        let tiles = (args.memory / 2 / TILE_MEMORY).clamp(1, threads as u64);
         Self {
             threads,
-            jobs: threads,
+            jobs: tiles as usize,
         }
     }
 
@@ -158,8 +163,10 @@ impl Schedule<'_> {
         };
         let todo: BTreeSet<TreePlace> = places.iter().copied().filter(|p| !is_done(empty, p)).collect();
         let open = |place: &TreePlace| todo.contains(place);
+        let per_tree = (lattice.side() / tile_side(&lattice)).pow(2) as u64;
+        let finished = (places.len() - todo.len()) as u64;
         self.progress
-            .start(places.len() as u64, (places.len() - todo.len()) as u64);
+            .start(places.len() as u64 * per_tree, finished * per_tree);
         let rows = self.rows();
         let scratch = self.out.join(SCRATCH);
         fs::create_dir_all(&scratch).map_err(BuildError::io(&scratch))?;
@@ -176,7 +183,6 @@ impl Schedule<'_> {
         };
         let mut made: Vec<Tile> = Vec::new();
         let mut next = 0;
-        let mut voxels = 0;
         for row in &rows {
             // Tiles of this row and the next one that a tree to be made reads.
             while next < rows.len() && rows[next].x <= row.x + side {
@@ -196,10 +202,13 @@ impl Schedule<'_> {
                     .copied()
                     .filter(|t| !TileFile::is_whole(&self.tile_path(t)))
                     .collect();
-                let counts = self
-                    .workers
-                    .run(&missing, |tile| tile.build(self.terrain, &self.tile_path(tile)))?;
-                voxels += counts.iter().sum::<u64>();
+                let whole = (new.len() - missing.len()) as u64;
+                self.progress.tiles(whole, 0);
+                self.workers.run(&missing, |tile| {
+                    let voxels = tile.build(self.terrain, &self.tile_path(tile))?;
+                    self.progress.tiles(1, voxels);
+                    Ok(())
+                })?;
                 made.extend(new);
                 next += 1;
             }
@@ -223,7 +232,6 @@ impl Schedule<'_> {
                     if header.is_none() {
                         empty.add(&lattice.tree_name(*place))?;
                     }
-                    self.progress.tree(voxels);
                     header
                 } else if self.folder(*place).is_dir() {
                     Some(read_header(&self.folder(*place).join(TREE_FILE))?)

@@ -34,6 +34,7 @@ struct View {
     at: f64,
     du: f64,
     dv: f64,
+    inverse_du: f64,
 }
 
 impl View {
@@ -69,6 +70,7 @@ impl View {
         let (cu, cv, cd) = (c[0] - a[0], c[1] - a[1], c[2] - a[2]);
         view.du = (bd * cv - cd * bv) / area;
         view.dv = (cd * bu - bd * cu) / area;
+        view.inverse_du = 1.0 / view.du;
         view.at = a[2] - view.du * a[0] - view.dv * a[1];
         Some(view)
     }
@@ -84,25 +86,23 @@ impl View {
             let v = cell[1] + (f64::from(row) + shift[1]) * STEP;
             let (mut from, mut to) = (cell[0], cell[0] + 1.0);
             for bound in &self.lower[..self.count[0]] {
-                from = from.max(bound.at + bound.slope * v);
+                from = max(from, bound.at + bound.slope * v);
             }
             for bound in &self.upper[..self.count[1]] {
-                to = to.min(bound.at + bound.slope * v);
+                to = min(to, bound.at + bound.slope * v);
+            }
+            // The part of the row that lies in the cell; where depth does not change along it, all or nothing.
+            let depth = self.at + self.dv * v - cell[2];
+            if self.du == 0.0 {
+                if !(0.0..1.0).contains(&depth) {
+                    continue;
+                }
+            } else {
+                let (a, b) = (-depth * self.inverse_du, (1.0 - depth) * self.inverse_du);
+                (from, to) = (max(from, min(a, b)), min(to, max(a, b)));
             }
             let lines = |u: f64| (u - cell[0]) * LINES as f64 - shift[0];
-            let (mut from, mut to) = (ceil_clamped(lines(from)), floor_clamped(lines(to)));
-            // Along the row depth only rises or only falls: what is outside the cell lies at its ends.
-            let inside = |line: i32| {
-                let u = cell[0] + (f64::from(line) + shift[0]) * STEP;
-                let depth = self.at + self.du * u + self.dv * v - cell[2];
-                (0.0..1.0).contains(&depth)
-            };
-            while from <= to && !inside(from) {
-                from += 1;
-            }
-            while from <= to && !inside(to) {
-                to -= 1;
-            }
+            let (from, to) = (ceil_clamped(lines(from)), floor_clamped(lines(to)));
             if from <= to {
                 mask |= ((1u64 << (to - from + 1)) - 1) << (LINES as i32 * row + from);
             }
@@ -111,10 +111,22 @@ impl View {
     }
 }
 
+/// The larger one; the second if either is no number, which costs less than the rule of `f64::max`.
+#[inline]
+fn max(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// The smaller one; likewise.
+#[inline]
+fn min(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
 /// The first line at or above a place in lines, at least 0.
 #[inline]
 fn ceil_clamped(x: f64) -> i32 {
-    let x = x.clamp(0.0, LINES as f64);
+    let x = min(max(x, 0.0), LINES as f64);
     let whole = x as i32;
     whole + i32::from(f64::from(whole) < x)
 }
@@ -122,7 +134,7 @@ fn ceil_clamped(x: f64) -> i32 {
 /// The last line at or below a place in lines, -1 if there is none.
 #[inline]
 fn floor_clamped(x: f64) -> i32 {
-    (x.clamp(-1.0, (LINES - 1) as f64) + 1.0) as i32 - 1
+    (min(max(x, -1.0), (LINES - 1) as f64) + 1.0) as i32 - 1
 }
 
 /// A triangle ready for its outlines in cells. Corners are given from a corner of the lattice, `base`.

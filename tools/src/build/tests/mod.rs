@@ -1,5 +1,6 @@
 //! Tests of whole builds: what they share, and one module a topic.
 
+mod exact;
 mod filters;
 mod folder;
 mod opacity;
