@@ -1,15 +1,16 @@
 //! The builder: height maps and meshes in, a terrain database out.
 //!
 //! World is lattice index × voxel, everywhere (`lattice`). A sample's value is a pure function of its place on the
-//! lattice, its level and the inputs, never of the tree that stores it; so borders are right across bricks and trees at
-//! every level, and trees are built one by one, each over its box and a margin of one root voxel, which is all that the
-//! aprons of its coarsest level are made from.
+//! lattice, its level and the inputs, never of the tree that stores it; so borders are right across bricks, tiles and
+//! trees at every level, and what one tile makes of its own cells serves all trees whose aprons they reach.
 //!
 //! ```text
-//! inputs → plan (which trees) → for each tree:
-//!   finest (ground, surface, overlap) → blocks of samples ─┬→ texels → nodes → bricks on disk
-//!                                        ↑  filter: ×½  ←──┘           ↓
-//!                                        └── until the root       octree on disk
+//! meshes, as streams → bins (faces by column of tiles) ─┐
+//! height maps ──────────────────────────→ plan (which trees) → for each tile of each tree:
+//!   finest (ground, surface, overlap) → blocks of samples ─┬→ texels → nodes → chunks ┐
+//!                                        ↑  filter: ×½  ←──┘                          ├→ file in the scratch folder
+//!                                        └── for three levels, then samples ──────────┘
+//! → for each tree: samples of its tiles and those around it → the same up to the root; bricks and octree on disk
 //! → scene
 //! ```
 //! Called from one thread, which waits; the work is spread over a pool of threads of its own. Bytes do not depend on the
@@ -198,14 +199,15 @@ impl Ground {
             layout: args.layout,
         };
         let mut faces = Bins::new(lattice, &args.out, (args.memory / FACES_SHARE) as usize);
-        let mut warnings = Vec::new();
+        let (mut warnings, mut files) = (Vec::new(), Vec::new());
         for path in &args.inputs {
             let first = faces.materials.len() as u32;
             let mesh = mesh::stream(path, args.up, |new| faces.add(new, first))?;
             faces.materials.extend(mesh.materials);
             warnings.extend(mesh.warnings);
+            files.extend(mesh.files);
         }
-        build_from(args, lattice, &self.layers, &faces, warnings, progress)
+        build_from(args, lattice, &self.layers, &faces, (warnings, files), progress)
     }
 
     /// The smallest pixel of height maps, else a part of the longest side of the meshes.
@@ -227,17 +229,17 @@ impl Ground {
     }
 }
 
-/// Builds from height maps and binned faces.
+/// Builds from height maps and binned faces; what was missing in the meshes and which further files were read comes with them.
 fn build_from(
     args: &BuildArgs,
     lattice: Lattice,
     layers: &[Layer],
     faces: &Bins,
-    warnings: Vec<String>,
+    (warnings, files): (Vec<String>, Vec<PathBuf>),
     progress: &dyn Progress,
 ) -> Result<BuildReport, BuildError> {
     let plan = plan::Plan::new(&lattice, layers, faces)?;
-    manifest::claim(&args.out, &manifest(args, &lattice)?, args.force)?;
+    manifest::claim(&args.out, &manifest(args, &lattice, &files)?, args.force)?;
     let terrain = Terrain {
         lattice,
         layers,
@@ -285,7 +287,7 @@ fn build_from(
     Ok(report)
 }
 
-fn manifest(args: &BuildArgs, lattice: &Lattice) -> Result<Manifest, BuildError> {
+fn manifest(args: &BuildArgs, lattice: &Lattice, materials: &[PathBuf]) -> Result<Manifest, BuildError> {
     let arguments = Arguments {
         voxel: lattice.voxel,
         tree_voxels: args.tree_voxels,
@@ -299,6 +301,7 @@ fn manifest(args: &BuildArgs, lattice: &Lattice) -> Result<Manifest, BuildError>
         filter: args.filter.name(),
     };
     let mut files: Vec<(&'static str, &Path)> = args.inputs.iter().map(|p| ("mesh", p.as_path())).collect();
+    files.extend(materials.iter().map(|p| ("material", p.as_path())));
     for height in &args.heights {
         files.push(("heights", &height.path));
         files.extend(height.imagery.as_deref().map(|p| ("imagery", p)));

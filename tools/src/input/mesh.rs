@@ -3,7 +3,7 @@
 //! Structure of arrays, immutable once loaded, read from many threads. Z is up: files with Y up are turned on loading,
 //! `(x, y, z) → (x, −z, y)`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{DVec3, Vec2, Vec3};
@@ -89,7 +89,7 @@ impl Mesh {
         }
         let mut mesh = Mesh::default();
         let in_use = materials_in_use(&triangles, file.material_names.len());
-        let used = file.materials(path, &in_use, &mut mesh)?;
+        let (used, _) = file.materials(path, &in_use, &mut mesh)?;
 
         let triangle = |(corners, material): &([Corner; 3], u32)| {
             let map = used
@@ -143,8 +143,13 @@ impl Mesh {
 }
 
 impl ObjFile {
-    /// Loads the materials that are in use, with their textures.
-    fn materials(&self, path: &Path, in_use: &[bool], mesh: &mut Mesh) -> Result<Vec<Used>, InputError> {
+    /// Loads the materials that are in use, with their textures. Gives the files that were read, too.
+    fn materials(
+        &self,
+        path: &Path,
+        in_use: &[bool],
+        mesh: &mut Mesh,
+    ) -> Result<(Vec<Used>, Vec<PathBuf>), InputError> {
         if self.material_names.len() > MAX_MATERIALS {
             let what = format!(
                 "{} materials; the limit is {MAX_MATERIALS}",
@@ -155,8 +160,9 @@ impl ObjFile {
         let folder = path.parent().unwrap_or(Path::new(""));
         let library = read_libraries(path, folder, &self.libraries, &mut mesh.warnings)?;
         let used = resolve(path, &self.material_names, in_use, &library, &mut mesh.warnings);
-        mesh.materials = load_materials(&used, &library, &mut mesh.warnings)?;
-        Ok(used)
+        let mut files = library.files.clone();
+        mesh.materials = load_materials(&used, &library, &mut mesh.warnings, &mut files)?;
+        Ok((used, files))
     }
 }
 
@@ -195,6 +201,8 @@ pub struct Streamed {
     pub materials: Vec<(Material, Placing)>,
     /// What was missing, one line each.
     pub warnings: Vec<String>,
+    /// The material libraries and textures that were read.
+    pub files: Vec<PathBuf>,
 }
 
 /// Reads an OBJ file face by face: `each` gets some thousands at a time, in the order of the file. In memory are the file's
@@ -252,7 +260,7 @@ pub fn stream<E: From<InputError>>(
     }
     in_use.resize(file.material_names.len(), false);
     let mut mesh = Mesh::default();
-    let used = file.materials(path, &in_use, &mut mesh)?;
+    let (used, files) = file.materials(path, &in_use, &mut mesh)?;
     let placing = |used: Used| {
         let map = used.found.and_then(|m| m.color_map);
         map.map_or(Placing::NONE, |m| Placing {
@@ -267,6 +275,7 @@ pub fn stream<E: From<InputError>>(
             .zip(used.into_iter().map(placing))
             .collect(),
         warnings: mesh.warnings,
+        files,
     })
 }
 
@@ -284,7 +293,6 @@ mod tests {
     use super::*;
     use crate::input::test_data::data;
     use std::fs;
-    use std::path::PathBuf;
 
     const TRIANGLE: &str =
         "v 1 2 3\nv 2 2 3\nv 1 3 3\nvt 0 0\nvt 3 0\nvt 0 -2\nvn 0 1 0\nf 1/1/1 2/2/1 3/3/1\n";

@@ -187,6 +187,32 @@ fn other_arguments_are_refused_without_force() {
 }
 
 #[test]
+fn a_texture_that_has_changed_is_another_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    write(
+        "a.obj",
+        "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 9 0 0\nv 0 9 1\nvt 0 0\nf 1/1 2/1 3/1\n",
+    );
+    write("a.mtl", "newmtl m\nmap_Kd a.png\n");
+    let paint = |color| {
+        let picture = image::RgbImage::from_pixel(2, 2, image::Rgb(color));
+        picture.save(folder.path().join("a.png")).unwrap();
+    };
+    paint([255, 0, 0]);
+    let args = BuildArgs {
+        inputs: vec![folder.path().join("a.obj")],
+        voxel: Some(0.5),
+        tree_voxels: 32,
+        ..BuildArgs::new(folder.path().join("db"))
+    };
+    build(&args, &Silent).unwrap();
+    assert!(build(&args, &Silent).is_ok());
+    paint([0, 255, 0]);
+    assert!(matches!(build(&args, &Silent), Err(BuildError::Exists(_))));
+}
+
+#[test]
 fn a_folder_that_is_not_ours_is_never_touched() {
     let folder = tempfile::tempdir().unwrap();
     let args = BuildArgs {

@@ -134,7 +134,7 @@ pub(crate) fn build_filtered(
         lattice,
         &inputs.layers,
         &bins(inputs, lattice),
-        Vec::new(),
+        Default::default(),
         &Silent,
     )
     .unwrap()
