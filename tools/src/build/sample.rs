@@ -5,6 +5,8 @@
 //! voxel (0..1). Colour and normal have a weight of their own, the part of the voxel that surfaces meet: solid ground
 //! has none, so it never tints a coarser voxel. Every step is rounded the same way whatever tree asks for it.
 
+use bytemuck::{Pod, Zeroable};
+
 use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Value, linear_to_srgb, srgb_to_linear};
 
 use super::ground::Hint;
@@ -18,7 +20,8 @@ pub(crate) const SKIN_MAX: f32 = 2.0;
 const NORMAL_ONE: f32 = 32767.0;
 
 /// One sample: 20 bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
 pub(crate) struct Sample {
     /// Weight of colour and normal, 0..1; a float since it falls by 8 a level where surfaces are small.
     pub(crate) weight: f32,
