@@ -12,10 +12,12 @@ use std::time::Instant;
 use brickfell_formats::bricks::{HEADER_BYTES, decode_header};
 use brickfell_formats::chunk::{Chunk, Encoding};
 
+type Outcome<T> = Result<T, Box<dyn Error>>;
+
 /// Every so many chunks of a file are read.
 const STRIDE: usize = 8;
 
-fn brick_files(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Box<dyn Error>> {
+fn brick_files(folder: &Path, found: &mut Vec<PathBuf>) -> Outcome<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         if path.is_dir() {
@@ -27,7 +29,7 @@ fn brick_files(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Box<dyn Er
     Ok(())
 }
 
-fn chunks(folder: &Path) -> Result<Vec<Chunk>, Box<dyn Error>> {
+fn chunks(folder: &Path) -> Outcome<Vec<Chunk>> {
     let (mut files, mut chunks) = (Vec::new(), Vec::new());
     brick_files(folder, &mut files)?;
     files.sort();
@@ -47,15 +49,15 @@ fn chunks(folder: &Path) -> Result<Vec<Chunk>, Box<dyn Error>> {
 /// A way to code chunks.
 struct Way {
     name: &'static str,
-    encode: fn(&Chunk) -> Result<Vec<u8>, Box<dyn Error>>,
-    decode: fn(&Chunk, &[u8]) -> Result<Chunk, Box<dyn Error>>,
+    encode: fn(&Chunk) -> Outcome<Vec<u8>>,
+    decode: fn(&Chunk, &[u8]) -> Outcome<Chunk>,
 }
 
-fn plain(chunk: &Chunk) -> Result<Vec<u8>, Box<dyn Error>> {
+fn plain(chunk: &Chunk) -> Outcome<Vec<u8>> {
     Ok(chunk.encode(Encoding::Plain)?)
 }
 
-fn unpack(like: &Chunk, bytes: &[u8], encoding: Encoding) -> Result<Chunk, Box<dyn Error>> {
+fn unpack(like: &Chunk, bytes: &[u8], encoding: Encoding) -> Outcome<Chunk> {
     Ok(Chunk::decode(
         bytes,
         like.mask,
@@ -96,7 +98,7 @@ const WAYS: [Way; 5] = [
     },
 ];
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Outcome<()> {
     // Cargo adds flags of its own.
     let Some(folder) = std::env::args().skip(1).find(|a| !a.starts_with("--")) else {
         println!("give the folder of a database: cargo bench -p brickfell-formats -- DIR");

@@ -238,23 +238,12 @@ impl Coder for Decoder<'_> {
 }
 
 /// Differences in -128..=127: whether zero, sign, number of bits, bits.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Residual {
     zero: Prob,
     negative: Prob,
     length: [Prob; 7],
     mantissa: [Prob; 32],
-}
-
-impl Default for Residual {
-    fn default() -> Self {
-        Self {
-            zero: Prob::default(),
-            negative: Prob::default(),
-            length: [Prob::default(); 7],
-            mantissa: [Prob::default(); 32],
-        }
-    }
 }
 
 impl Residual {

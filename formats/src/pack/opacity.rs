@@ -13,7 +13,7 @@ pub(super) struct Classes {
 
 impl Classes {
     /// Values of the context: three classes of four neighbours, and whether there is something in six.
-    const CONTEXTS: usize = 3 * 3 * 3 * 3 << 6;
+    const CONTEXTS: usize = (3 * 3 * 3 * 3) << 6;
 
     pub(super) fn new() -> Self {
         Self {
@@ -69,7 +69,7 @@ const COARSE: usize = 17;
 
 /// An opacity in fewer steps; nothing is a step of its own.
 fn coarse(v: u8) -> usize {
-    (usize::from(v) + 15) / 16
+    usize::from(v).div_ceil(16)
 }
 
 impl Opacities {

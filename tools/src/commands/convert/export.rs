@@ -116,7 +116,7 @@ impl Tree {
             };
             if let (Some(tile), true) = (n.children(), at < level) {
                 at += 1;
-                let child = voxel / BRICK_VOXELS >> u32::from(level - at);
+                let child = (voxel / BRICK_VOXELS) >> u32::from(level - at);
                 node = tile as usize * 8 + octant(child) as usize;
                 continue;
             }
