@@ -9,7 +9,7 @@
 //! | [`mix`], [`coder`] | decisions by what is expected, as bytes |
 //!
 //! Encoder and decoder run the same model; only the coder under it differs ([`coder::Coder`]). All that the model looks at is either
-//! behind it or in a pass that is done, and every estimate begins anew with each chunk. A sample takes at most some two hundred
+//! behind it or in a pass that is done, and every estimate begins anew with each chunk. A sample takes at most 240
 //! decisions, and nothing is allocated by what a payload says.
 
 mod coder;
