@@ -117,7 +117,7 @@ impl BuildArgs {
             up: UpAxis::Z,
             height_unit: None,
             layout: DEFAULT_LAYOUT,
-            encoding: Encoding::Zstd,
+            encoding: Encoding::Packed,
             chunk_log2: 2,
             filter: Filter::default(),
             force: false,
