@@ -165,7 +165,7 @@ const LARGEST: f64 = 1e6;
 struct Scene<'a> {
     trees: &'a [Tree],
     shading: Shading,
-    mix_levels: bool,
+    fade: f64,
     segment: (u32, u32),
     /// Footprint of a pixel times 2^bias, metres per metre of depth.
     footprint: f64,
@@ -177,7 +177,7 @@ impl<'a> Scene<'a> {
         Ok(Self {
             trees,
             shading: Shading::new(settings),
-            mix_levels: settings.mix_levels,
+            fade: settings.fade(),
             segment: settings.segment(),
             footprint: camera.pixel_size() * settings.bias.exp2(),
         })
@@ -190,7 +190,7 @@ impl<'a> Scene<'a> {
     fn ray_along(&self, eye: DVec3, direction: DVec3) -> Ray {
         let Self {
             footprint,
-            mix_levels,
+            fade,
             segment,
             shading,
             ..
@@ -200,7 +200,7 @@ impl<'a> Scene<'a> {
             direction,
             length: direction.length(),
             footprint,
-            mix_levels,
+            fade,
             segment,
             shading,
         }

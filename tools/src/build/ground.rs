@@ -7,6 +7,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::lattice::{CellBox, Lattice};
+use super::spill::{Reader, Writer};
 use crate::input::{Columns, InputError, Layer};
 
 use brickfell_formats::layout::SampleLayout;
@@ -249,6 +250,30 @@ impl Hints {
             size,
             looks: cells.map(look).collect(),
         }
+    }
+
+    /// Writes them.
+    pub(crate) fn write(&self, out: &mut Writer) {
+        out.put(&[self.lo, self.size]);
+        out.list(&self.looks);
+    }
+
+    /// Hints over a rectangle of cells, of what was written of others that do not meet.
+    pub(crate) fn read(area: &CellBox, parts: &mut [(CellBox, Reader)]) -> Option<Self> {
+        let lo = [area.lo[0], area.lo[1]];
+        let size = [area.hi[0] - lo[0], area.hi[1] - lo[1]];
+        let mut looks = vec![[0.0; 7]; (size[0] * size[1]) as usize];
+        for (_, part) in parts {
+            let [from, n] = part.get::<[[i64; 2]; 2]>()?;
+            for (k, look) in part.list::<[f32; 7]>()?.into_iter().enumerate() {
+                let k = k as i64;
+                let (x, y) = (from[0] + k % n[0] - lo[0], from[1] + k / n[0] - lo[1]);
+                if x >= 0 && y >= 0 && x < size[0] && y < size[1] {
+                    looks[(y * size[0] + x) as usize] = look;
+                }
+            }
+        }
+        Some(Self { lo, size, looks })
     }
 
     fn at(&self, x: i64, y: i64) -> [f32; 7] {

@@ -1,20 +1,22 @@
 //! The builder: height maps and meshes in, a terrain database out.
 //!
 //! World is lattice index × voxel, everywhere (`lattice`). A sample's value is a pure function of its place on the
-//! lattice, its level and the inputs, never of the tree that stores it; so borders are right across bricks and trees at
-//! every level, and trees are built one by one, each over its box and a margin of one root voxel, which is all that the
-//! aprons of its coarsest level are made from.
+//! lattice, its level and the inputs, never of the tree that stores it; so borders are right across bricks, tiles and
+//! trees at every level, and what one tile makes of its own cells serves all trees whose aprons they reach.
 //!
 //! ```text
-//! inputs → plan (which trees) → for each tree:
-//!   finest (ground, surface, overlap) → blocks of samples ─┬→ texels → nodes → bricks on disk
-//!                                        ↑  filter: ×½  ←──┘           ↓
-//!                                        └── until the root       octree on disk
+//! meshes, as streams → bins (faces by column of tiles) ─┐
+//! height maps ──────────────────────────→ plan (which trees) → for each tile of each tree:
+//!   finest (ground, surface, overlap) → blocks of samples ─┬→ texels → nodes → chunks ┐
+//!                                        ↑  filter: ×½  ←──┘                          ├→ file in the scratch folder
+//!                                        └── for three levels, then samples ──────────┘
+//! → for each tree: samples of its tiles and those around it → the same up to the root; bricks and octree on disk
 //! → scene
 //! ```
 //! Called from one thread, which waits; the work is spread over a pool of threads of its own. Bytes do not depend on the
 //! number of threads, nor on whether a build was interrupted and resumed.
 
+mod bins;
 mod blocks;
 mod error;
 mod filter;
@@ -28,10 +30,13 @@ mod plan;
 mod progress;
 mod sample;
 mod scene;
+mod schedule;
+mod spill;
 mod surface;
 #[cfg(test)]
 mod tests;
 mod texels;
+mod tile;
 mod tree;
 
 use std::collections::BTreeSet;
@@ -41,25 +46,31 @@ use std::path::{Path, PathBuf};
 
 use brickfell_formats::chunk::Encoding;
 use brickfell_formats::layout::{BRICK_VOXELS, SampleLayout};
-use brickfell_formats::octree::TreeHeader;
-use brickfell_formats::octree_binary;
+use glam::DVec3;
 
 pub use error::BuildError;
 pub use filter::Filter;
 pub use progress::{IndicatifProgress, Progress, Silent};
 
 pub use crate::input::HeightInput;
-use crate::input::{HeightOptions, HeightUnit, Inputs, Mesh, RasterCache, TerrainRgb, UpAxis};
+use crate::input::{HeightOptions, HeightUnit, Layer, RasterCache, TerrainRgb, UpAxis, load_layers, mesh};
+use bins::Bins;
 use lattice::Lattice;
 use manifest::{Arguments, EMPTY_TREES, Manifest, SCENE, TREES};
 use scene::SceneTree;
-use surface::Surfaces;
-use tree::{TREE_FILE, Terrain, build_tree};
+use schedule::{Schedule, Workers};
+use tree::{TREE_FILE, Terrain};
 
 /// Where samples lie unless told.
 pub const DEFAULT_LAYOUT: SampleLayout = SampleLayout::Centre;
 /// Finest voxels per axis of a tree unless told.
 pub const DEFAULT_TREE_VOXELS: u32 = 512;
+/// Memory to work with unless told, bytes.
+pub const DEFAULT_MEMORY: u64 = 2 << 30;
+/// The part of the memory that height maps and imagery may take: one of so many. What is more of them stays on disk.
+const RASTERS_SHARE: u64 = 4;
+/// The part of the memory that faces may take: one of so many.
+const FACES_SHARE: u64 = 4;
 /// Voxels across the longest side of a terrain without height maps, unless told.
 const DEFAULT_RESOLUTION: f64 = 1024.0;
 
@@ -82,8 +93,6 @@ pub struct BuildArgs {
     pub height_unit: Option<HeightUnit>,
     /// How heights are coded in height maps with colours.
     pub terrain_rgb: Option<TerrainRgb>,
-    /// Memory that height maps and imagery may take, bytes; more of them stays on disk.
-    pub raster_memory: u64,
     /// Where samples lie.
     pub layout: SampleLayout,
     /// How chunks are coded.
@@ -96,6 +105,8 @@ pub struct BuildArgs {
     pub force: bool,
     /// Threads to work with; 0 is one per core.
     pub threads: usize,
+    /// Memory to work with, bytes.
+    pub memory: u64,
 }
 
 impl BuildArgs {
@@ -110,13 +121,13 @@ impl BuildArgs {
             up: UpAxis::Z,
             height_unit: None,
             terrain_rgb: None,
-            raster_memory: RasterCache::DEFAULT_BUDGET,
             layout: DEFAULT_LAYOUT,
-            encoding: Encoding::Zstd,
+            encoding: Encoding::Packed,
             chunk_log2: 2,
             filter: Filter::default(),
             force: false,
             threads: 0,
+            memory: DEFAULT_MEMORY,
         }
     }
 }
@@ -147,28 +158,7 @@ pub fn build(args: &BuildArgs, progress: &dyn Progress) -> Result<BuildReport, B
         .num_threads(args.threads)
         .build()
         .map_err(|e| BuildError::Threads(e.to_string()))?;
-    pool.install(|| {
-        let options = HeightOptions {
-            height_unit: args.height_unit,
-            terrain_rgb: args.terrain_rgb,
-            ..HeightOptions::default()
-        };
-        let cache = RasterCache::near(args.raster_memory, &args.out);
-        let inputs = Inputs::load(&args.inputs, &args.heights, args.up, options, &cache)?;
-        let voxel = args.voxel.unwrap_or_else(|| inputs.default_voxel());
-        if !(1e-9..=1e9).contains(&voxel) {
-            return Err(BuildError::Voxel(voxel));
-        }
-        inputs.build(
-            args,
-            Lattice {
-                voxel,
-                depth,
-                layout: args.layout,
-            },
-            progress,
-        )
-    })
+    pool.install(|| Ground::load(args)?.build(args, depth, progress))
 }
 
 /// Checks the arguments and gives the depth of trees.
@@ -189,98 +179,129 @@ fn check(args: &BuildArgs) -> Result<u8, BuildError> {
     Ok((n / BRICK_VOXELS).ilog2() as u8)
 }
 
-impl Inputs {
-    fn default_voxel(&self) -> f64 {
-        let pixels = self.layers.iter().map(|l| l.map.pixel_size().min_element());
-        pixels.reduce(f64::min).unwrap_or_else(|| {
-            let boxes = self.meshes.iter().map(Mesh::bounds);
-            let all = boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-            all.map_or(0.0, |(min, max)| (max - min).max_element() / DEFAULT_RESOLUTION)
-        })
+/// What is in memory of the input before the lattice is known.
+struct Ground {
+    layers: Vec<Layer>,
+}
+
+impl Ground {
+    fn load(args: &BuildArgs) -> Result<Self, BuildError> {
+        let options = HeightOptions {
+            height_unit: args.height_unit,
+            terrain_rgb: args.terrain_rgb,
+            ..HeightOptions::default()
+        };
+        let cache = RasterCache::near(args.memory / RASTERS_SHARE, &args.out);
+        let layers = load_layers(&args.heights, options, &cache)?;
+        Ok(Self { layers })
     }
 
-    fn build(
-        &self,
-        args: &BuildArgs,
-        lattice: Lattice,
-        progress: &dyn Progress,
-    ) -> Result<BuildReport, BuildError> {
-        let surfaces = Surfaces::new(&self.meshes, lattice);
-        let plan = plan::Plan::new(&lattice, &self.layers, &surfaces)?;
-        manifest::claim(&args.out, &manifest(args, &lattice)?, args.force)?;
-        let terrain = Terrain {
-            lattice,
-            layers: &self.layers,
-            surfaces: &surfaces,
-            plan: &plan,
-            encoding: args.encoding,
-            chunk_log2: args.chunk_log2,
-            // Without triangles there are no outlines, and no layer is to be stored of them.
-            filter: if surfaces.len() == 0 {
-                Filter::Double
-            } else {
-                args.filter
-            },
+    fn build(&self, args: &BuildArgs, depth: u8, progress: &dyn Progress) -> Result<BuildReport, BuildError> {
+        let voxel = match args.voxel {
+            Some(voxel) => voxel,
+            None => self.default_voxel(args)?,
         };
-        let mut report = BuildReport {
-            voxel: lattice.voxel,
-            ..BuildReport::default()
-        };
-        report.warnings = self.warnings();
-        let mut empty = EmptyTrees::load(&args.out);
-        let folder = |place| args.out.join(TREES).join(lattice.tree_name(place));
-        let finished = |name: &str, folder: &Path| empty.names.contains(name) || folder.is_dir();
-        let done = plan
-            .trees
-            .iter()
-            .filter(|p| finished(&lattice.tree_name(**p), &folder(**p)))
-            .count();
-        progress.start(plan.trees.len() as u64, done as u64);
-        let mut trees = Vec::new();
-        let mut new_voxels = 0;
-        for place in &plan.trees {
-            let (name, folder) = (lattice.tree_name(*place), folder(*place));
-            if empty.names.contains(&name) {
-                continue;
-            }
-            let header = if folder.is_dir() {
-                report.resumed += 1;
-                Some(read_header(&folder.join(TREE_FILE))?)
-            } else {
-                let header = build_tree(&terrain, *place, &folder)?;
-                new_voxels += header.map_or(0, |h| h.surface_voxels);
-                if header.is_none() {
-                    empty.add(&name)?;
-                }
-                progress.tree(new_voxels);
-                header
-            };
-            if let Some(header) = header {
-                report.surface_voxels += header.surface_voxels;
-                let column = lattice.column_of(place.origin[0], place.origin[1]);
-                trees.push(SceneTree {
-                    column,
-                    file: format!("{TREES}/{name}/{TREE_FILE}"),
-                    header,
-                });
-            }
+        if !(1e-9..=1e9).contains(&voxel) {
+            return Err(BuildError::Voxel(voxel));
         }
-        report.trees = trees.len();
-        empty.write()?;
-        let crs = self
-            .layers
-            .iter()
-            .find_map(|l| l.map.world_system().map(str::to_string));
-        manifest::write_whole(
-            &args.out.join(SCENE),
-            scene::scene(trees, crs).to_xml().as_bytes(),
-        )?;
-        progress.finish();
-        Ok(report)
+        let lattice = Lattice {
+            voxel,
+            depth,
+            layout: args.layout,
+        };
+        let mut faces = Bins::new(lattice, &args.out, (args.memory / FACES_SHARE) as usize);
+        let mut warnings: Vec<String> = self.layers.iter().flat_map(|l| l.map.notes.clone()).collect();
+        let mut files = Vec::new();
+        for path in &args.inputs {
+            let first = faces.materials.len() as u32;
+            let mesh = mesh::stream(path, args.up, |new| faces.add(new, first))?;
+            faces.materials.extend(mesh.materials);
+            warnings.extend(mesh.warnings);
+            files.extend(mesh.files);
+        }
+        build_from(args, lattice, &self.layers, &faces, (warnings, files), progress)
+    }
+
+    /// The smallest pixel of height maps, else a part of the longest side of the meshes.
+    fn default_voxel(&self, args: &BuildArgs) -> Result<f64, BuildError> {
+        let pixels = self.layers.iter().map(|l| l.map.pixel_size().min_element());
+        if let Some(pixel) = pixels.reduce(f64::min) {
+            return Ok(pixel);
+        }
+        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for path in &args.inputs {
+            mesh::stream(path, args.up, |faces| {
+                for p in faces.iter().flat_map(|f| f.corners) {
+                    (min, max) = (min.min(p), max.max(p));
+                }
+                Ok::<_, BuildError>(())
+            })?;
+        }
+        Ok((max - min).max_element() / DEFAULT_RESOLUTION)
     }
 }
 
-fn manifest(args: &BuildArgs, lattice: &Lattice) -> Result<Manifest, BuildError> {
+/// Builds from height maps and binned faces; what was missing in the meshes and which further files were read comes with them.
+fn build_from(
+    args: &BuildArgs,
+    lattice: Lattice,
+    layers: &[Layer],
+    faces: &Bins,
+    (warnings, files): (Vec<String>, Vec<PathBuf>),
+    progress: &dyn Progress,
+) -> Result<BuildReport, BuildError> {
+    let plan = plan::Plan::new(&lattice, layers, faces)?;
+    manifest::claim(&args.out, &manifest(args, &lattice, &files)?, args.force)?;
+    let terrain = Terrain {
+        lattice,
+        layers,
+        faces,
+        plan: &plan,
+        encoding: args.encoding,
+        chunk_log2: args.chunk_log2,
+        // Without triangles there are no outlines, and no layer is to be stored of them.
+        filter: if faces.len() == 0 {
+            Filter::Double
+        } else {
+            args.filter
+        },
+    };
+    let mut report = BuildReport {
+        voxel: lattice.voxel,
+        ..BuildReport::default()
+    };
+    report.warnings = warnings;
+    let mut empty = EmptyTrees::load(&args.out);
+    let mut trees = Vec::new();
+    let mut schedule = Schedule {
+        terrain: &terrain,
+        out: &args.out,
+        workers: Workers::new(args),
+        progress,
+    };
+    schedule.run(&mut empty, |place, header, resumed| {
+        report.resumed += usize::from(resumed);
+        report.surface_voxels += header.surface_voxels;
+        trees.push(SceneTree {
+            column: lattice.column_of(place.origin[0], place.origin[1]),
+            file: format!("{TREES}/{}/{TREE_FILE}", lattice.tree_name(place)),
+            header,
+        });
+    })?;
+    report.trees = trees.len();
+    empty.write()?;
+    let crs = layers
+        .iter()
+        .find_map(|l| l.map.world_system().map(str::to_string));
+    manifest::write_whole(
+        &args.out.join(SCENE),
+        scene::scene(trees, crs).to_xml().as_bytes(),
+    )?;
+    progress.finish();
+    Ok(report)
+}
+
+fn manifest(args: &BuildArgs, lattice: &Lattice, materials: &[PathBuf]) -> Result<Manifest, BuildError> {
     let arguments = Arguments {
         voxel: lattice.voxel,
         tree_voxels: args.tree_voxels,
@@ -295,17 +316,12 @@ fn manifest(args: &BuildArgs, lattice: &Lattice) -> Result<Manifest, BuildError>
         filter: args.filter.name(),
     };
     let mut files: Vec<(&'static str, &Path)> = args.inputs.iter().map(|p| ("mesh", p.as_path())).collect();
+    files.extend(materials.iter().map(|p| ("material", p.as_path())));
     for height in &args.heights {
         files.push(("heights", &height.path));
         files.extend(height.imagery.as_deref().map(|p| ("imagery", p)));
     }
     Manifest::new(arguments, &files)
-}
-
-fn read_header(path: &Path) -> Result<TreeHeader, BuildError> {
-    let bytes = fs::read(path).map_err(BuildError::io(path))?;
-    let index = octree_binary::decode_header(&bytes, bytes.len() as u64).map_err(BuildError::format(path))?;
-    Ok(index.header)
 }
 
 /// Trees that turned out empty, kept so that a resumed build does not look again.

@@ -5,6 +5,8 @@
 //! voxel (0..1). Colour and normal have a weight of their own, the part of the voxel that surfaces meet: solid ground
 //! has none, so it never tints a coarser voxel. Every step is rounded the same way whatever tree asks for it.
 
+use bytemuck::{Pod, Zeroable};
+
 use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Value, linear_to_srgb, srgb_to_linear};
 
 use super::ground::Hint;
@@ -18,7 +20,8 @@ pub(crate) const SKIN_MAX: f32 = 2.0;
 const NORMAL_ONE: f32 = 32767.0;
 
 /// One sample: 20 bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
 pub(crate) struct Sample {
     /// Weight of colour and normal, 0..1; a float since it falls by 8 a level where surfaces are small.
     pub(crate) weight: f32,
@@ -114,12 +117,14 @@ impl Sample {
         } else {
             (hint.rgb, hint.normal)
         };
+        let look = CodedLook::from(Hint { rgb, normal });
+        let Hint { rgb, normal } = look.decode();
         let stored = Value { rgb, alpha, normal }.store(BUILD_GAIN);
         let [x, y, z, _] = stored.normal;
         Texel {
             color: stored.color,
             normal: [x, y, z],
-            look: Hint { rgb, normal }.into(),
+            look,
             matter: match () {
                 () if self.is_deep() => Matter::Deep,
                 () if self.weight > 0.0 => Matter::Surface,
@@ -159,14 +164,22 @@ impl From<Hint> for CodedLook {
 }
 
 impl CodedLook {
+    /// The values of the codes.
+    fn decode(self) -> Hint {
+        Hint {
+            rgb: self.rgb.map(srgb_to_linear),
+            normal: self.normal.map(|c| f32::from(c) / 127.0),
+        }
+    }
+
     /// The mean of some looks, `None` of none.
     pub(crate) fn mean(looks: impl Iterator<Item = CodedLook>) -> Option<Hint> {
         let (mut sum, mut count) = (Hint::default(), 0.0);
-        for look in looks {
+        for look in looks.map(CodedLook::decode) {
             count += 1.0;
             for k in 0..3 {
-                sum.rgb[k] += srgb_to_linear(look.rgb[k]);
-                sum.normal[k] += f32::from(look.normal[k]) / 127.0;
+                sum.rgb[k] += look.rgb[k];
+                sum.normal[k] += look.normal[k];
             }
         }
         (count > 0.0).then(|| Hint {

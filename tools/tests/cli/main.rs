@@ -12,6 +12,7 @@ mod build;
 mod check;
 mod common;
 mod compare;
+mod convert;
 mod fly;
 mod info;
 mod inputs;
