@@ -561,6 +561,45 @@ fn what_is_larger_than_its_memory_gives_the_same_bits() {
     }
 }
 
+#[test]
+fn ranges_hold_all_heights_and_end_with_the_map() {
+    let dir = tempfile::tempdir().unwrap();
+    let tags = geo_tags(DVec2::new(100.0, 250.0), 1.0, &[3072, 0, 1, 2056]);
+    let plane = load(&write(
+        dir.path(),
+        "a.tif",
+        float_tiff(64, 50, &samples(64, 50), tags),
+    ))
+    .map;
+    let columns = Columns { step: 1.0, zero: 0.0 };
+    assert!(plane.range_over(columns, [164, 200], [200, 250]).is_none());
+    assert!(plane.range_over(columns, [100, 150], [164, 200]).is_none());
+    let degrees = load(&write(dir.path(), "N46W122.hgt", hgt(61, height))).map;
+    for (map, step, first, size) in [
+        (&plane, 1.0, [110, 210], 20),
+        (&degrees, 200.0, [-180, -260], 150),
+    ] {
+        let columns = Columns { step, zero: 0.0 };
+        let mut z = vec![0.0; size * size];
+        map.heights(columns, first.map(|v| v as f64 + 0.5), size, &mut z)
+            .unwrap();
+        let (low, high) = z.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| {
+            (l.min(*z), h.max(*z))
+        });
+        let range = map
+            .range_over(columns, first, first.map(|v| v + size as i64))
+            .unwrap();
+        assert!(
+            range.0 <= low && high <= range.1,
+            "{range:?} does not hold {low} to {high}"
+        );
+        assert!(
+            range.1 - range.0 < high - low + 250.0,
+            "{range:?} is far from {low} to {high}"
+        );
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
     #[test]

@@ -113,7 +113,9 @@ impl HeightMap {
             Mapping::far_around(&self.place, columns, lo, hi, (range.0.into(), range.1.into()))
         };
         let [u, v, _] = around(self.min_max());
-        if !(u.0 <= u.1 && v.0 <= v.1) {
+        // A rectangle that only touches the map has no column's middle on it.
+        let on_map = |(low, high): (f64, f64), size: u32| low < f64::from(size) && high > 0.0;
+        if !(on_map(u, self.width) && on_map(v, self.height)) {
             return None;
         }
         let range = self
