@@ -173,7 +173,14 @@ impl Shading {
         let depth_of = |a: f64| -(-a.min(MOST_OPAQUE)).ln_1p();
         let depth = match value.axes {
             None => depth_of(a),
-            Some(axes) => (DVec3::from((gain * axes).to_array().map(depth_of)) * direction).length(),
+            Some(axes) => {
+                let depths = DVec3::from((gain * axes).to_array().map(depth_of));
+                let length = value.normal.length().max(1e-6);
+                let flat = (2.0 * length / a.max(1e-6)).min(1.0);
+                let sheet = depths.length_squared() * (direction.dot(value.normal) / length).powi(2);
+                let cloud = (depths * direction).length_squared();
+                (cloud + flat * (sheet - cloud)).sqrt()
+            }
         };
         let opacity = -(-length * depth).exp_m1();
         let [r, g, b] = (value.rgb * (opacity / value.alpha * self.light(value.normal, a))).to_array();

@@ -87,7 +87,7 @@ fn convert(word: vec2<u32>, local: vec3<f32>, texel_offset: f32, gain: f32, s: f
     let opacity = min(1.0, gain * stored.a);
     var a: f32;
     if (axes) {
-        a = path_opacity_axes(min(vec3(1.0), gain * opacities), heading, s);
+        a = path_opacity_axes(min(vec3(1.0), gain * opacities), heading, s, normal, opacity);
     } else {
         a = path_opacity(opacity, s);
     }

@@ -25,10 +25,16 @@ fn path_opacity(a: f32, s: f32) -> f32 {
     return opacity_of(s * optical_depth(a));
 }
 
-// Opacity over `s` voxels of a medium with opacities `a` against the axes, along a direction of length 1.
-fn path_opacity_axes(a: vec3<f32>, direction: vec3<f32>, s: f32) -> f32 {
+// Opacity over `s` voxels of a medium with opacities `a` against the axes, along a direction of length 1. `n`: its premultiplied
+// mean normal, `opacity` what that was multiplied by: the longer it is, the more the medium is a sheet, which a ray meets
+// by the cosine between.
+fn path_opacity_axes(a: vec3<f32>, direction: vec3<f32>, s: f32, n: vec3<f32>, opacity: f32) -> f32 {
     let depths = vec3(optical_depth(a.x), optical_depth(a.y), optical_depth(a.z));
-    return opacity_of(s * length(depths * direction));
+    let len = max(length(n), 1e-6);
+    let along = depths * direction;
+    let facing = length(depths) * dot(direction, n) / len;
+    let flat = clamp(2.0 * len / max(opacity, 1e-6), 0.0, 1.0);
+    return opacity_of(s * sqrt(mix(dot(along, along), facing * facing, flat)));
 }
 
 // Light on a sample with premultiplied mean normal `n` and opacity `a`: unlit where there is no normal.

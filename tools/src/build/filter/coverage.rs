@@ -59,19 +59,21 @@ fn skin(coverage: f32) -> f32 {
 /// The skin of a mask between what lies before and behind it.
 ///
 /// A plane that is not parallel to a face leaves a voxel through the one behind, where the rest of its outline lies. Interpolation
-/// adds up what is stored of both, so they get shares of the skin of their common outline. What ends in a voxel, as
-/// leaves do, has that outline for itself.
+/// adds up what is stored of both, so they get shares of the skin of their common outline. Where that is whole there is a
+/// surface, and the shares are the roots of the parts: a rough one has its pieces less in line than a plane, and leaks where
+/// they get the parts themselves. What ends in a voxel, as leaves do, has that outline for itself.
 fn shared_skin(own: u64, around: u64) -> f32 {
     let [own, all] = [own, own | around].map(u64::count_ones);
     // Dithered, pieces of a plane leave some bits open between them, the more the more lies in the other pieces; and of a
     // steep plane's three pieces the largest, interpolated, may fall short of one half.
-    let whole = (all as usize + (all - own).div_ceil(4) as usize).min(BITS);
-    let most = if whole == BITS {
-        1.1 * SKIN[BITS]
+    let whole = (all as usize + (all - own).div_ceil(2) as usize).min(BITS);
+    let part = own as f32 / all.max(1) as f32;
+    let skin = if whole == BITS {
+        1.1 * SKIN[BITS] * part.sqrt()
     } else {
-        SKIN[whole]
+        SKIN[whole] * part
     };
-    (most * own as f32 / all.max(1) as f32).min(SKIN_MAX)
+    skin.min(SKIN_MAX)
 }
 
 /// What is to be stored of a level by what its samples cover.
