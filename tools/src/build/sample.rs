@@ -7,9 +7,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Value, linear_to_srgb, srgb_to_linear};
+use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Stored, Value, linear_to_srgb, srgb_to_linear};
 
 use super::ground::Hint;
+use super::texels::SurfaceLook;
 
 /// Full solid.
 pub(crate) const SOLID: u16 = u16::MAX;
@@ -106,89 +107,33 @@ impl Sample {
         ((skin + solid) / 255.0).min(1.0)
     }
 
+    /// Whether a surface meets it.
+    pub(crate) fn is_surface(&self) -> bool {
+        self.weight > 0.0
+    }
+
+    /// Colour (linear light) and normal of its surfaces.
+    fn look(&self) -> Hint {
+        Hint {
+            rgb: self.rgb.map(|c| f32::from(c) / 65535.0),
+            normal: self.normal.map(|c| f32::from(c) / NORMAL_ONE),
+        }
+    }
+
     /// What is stored. `hint` is for solid that no surface gives colour and normal.
-    pub(crate) fn texel(&self, hint: Hint) -> Texel {
+    pub(crate) fn stored(&self, hint: Hint) -> Stored {
+        let Hint { rgb, normal } = if self.is_surface() { self.look() } else { hint };
         let alpha = self.alpha(self.skin);
-        let (rgb, normal) = if self.weight > 0.0 {
-            (
-                self.rgb.map(|c| f32::from(c) / 65535.0),
-                self.normal.map(|c| f32::from(c) / NORMAL_ONE),
-            )
-        } else {
-            (hint.rgb, hint.normal)
-        };
-        let stored = Value { rgb, alpha, normal }.store(BUILD_GAIN);
-        let [x, y, z, _] = stored.normal;
-        Texel {
-            color: stored.color,
-            normal: [x, y, z],
-            look: Hint { rgb, normal }.into(),
-            matter: match () {
-                () if self.is_deep() => Matter::Deep,
-                () if self.weight > 0.0 => Matter::Surface,
-                () => Matter::Hinted,
-            },
-        }
+        Value { rgb, alpha, normal }.store(BUILD_GAIN)
     }
-}
 
-/// A sample as it is stored in a brick.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Texel {
-    /// Premultiplied colour and alpha (`formats::value`).
-    pub(crate) color: [u8; 4],
-    /// Mean normal × opacity.
-    pub(crate) normal: [i8; 3],
-    /// Colour and normal without the opacity.
-    pub(crate) look: CodedLook,
-    /// Where they are from.
-    pub(crate) matter: Matter,
-}
-
-/// A straight colour in sRGB and a normal of length up to 1, in bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct CodedLook {
-    rgb: [u8; 3],
-    normal: [i8; 3],
-}
-
-impl From<Hint> for CodedLook {
-    fn from(hint: Hint) -> Self {
-        Self {
-            rgb: hint.rgb.map(linear_to_srgb),
-            normal: hint.normal.map(|c| (c * 127.0).round() as i8),
-        }
+    /// Colour and normal of its surfaces in steps of a byte, for means.
+    pub(crate) fn surface_look(&self) -> SurfaceLook {
+        let Hint { rgb, normal } = self.look();
+        let [r, g, b] = rgb.map(|c| srgb_to_linear(linear_to_srgb(c)));
+        let [x, y, z] = normal.map(|c| (c * 127.0).round() / 127.0);
+        [r, g, b, x, y, z, 0.0, 0.0]
     }
-}
-
-impl CodedLook {
-    /// The mean of some looks, `None` of none.
-    pub(crate) fn mean(looks: impl Iterator<Item = CodedLook>) -> Option<Hint> {
-        let (mut sum, mut count) = (Hint::default(), 0.0);
-        for look in looks {
-            count += 1.0;
-            for k in 0..3 {
-                sum.rgb[k] += srgb_to_linear(look.rgb[k]);
-                sum.normal[k] += f32::from(look.normal[k]) / 127.0;
-            }
-        }
-        (count > 0.0).then(|| Hint {
-            rgb: sum.rgb.map(|c| c / count),
-            normal: sum.normal.map(|c| c / count),
-        })
-    }
-}
-
-/// What a texel's colour and normal are.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Matter {
-    /// Those of the surfaces in it.
-    Surface,
-    /// Hints, if it is partly solid and no surface meets it; none, if it is empty.
-    #[default]
-    Hinted,
-    /// Hints: solid all through, met by no surface.
-    Deep,
 }
 
 /// A weighted mean of samples, weights adding up to 1.
@@ -261,11 +206,8 @@ mod tests {
             rgb: [0.5; 3],
             normal: [0.0, 0.0, 1.0],
         };
-        let deep = Sample::DEEP.texel(up);
-        assert_eq!(
-            (deep.color[3], deep.normal, deep.matter),
-            (SOLID_ALPHA, [0, 0, 127], Matter::Deep)
-        );
+        let deep = Sample::DEEP.stored(up);
+        assert_eq!((deep.color[3], deep.normal), (SOLID_ALPHA, [0, 0, 127, 0]));
         let skin = Look {
             skin: 2.0,
             weight: 1.0,
@@ -273,11 +215,8 @@ mod tests {
             normal: [0.0, 0.0, 1.0],
             solid: 0.0,
         };
-        let texel = Sample::new(&skin).texel(Hint::default());
-        assert_eq!(
-            (texel.color[3], texel.normal, texel.matter),
-            (SKIN_ALPHA, [0, 0, 127], Matter::Surface)
-        );
+        let texel = Sample::new(&skin).stored(Hint::default());
+        assert_eq!((texel.color[3], texel.normal), (SKIN_ALPHA, [0, 0, 127, 0]));
         let c = decode_color(texel.color);
         assert!((c[1] - 0.5).abs() < 0.01 && c[2] == 0.0);
     }
@@ -292,7 +231,7 @@ mod tests {
         };
         let mixed = [Sample::new(&red), Sample::DEEP, Sample::DEEP, Sample::DEEP];
         let all = mean(&std::array::from_fn(|k| mixed[k % 4]));
-        let texel = all.texel(Hint {
+        let texel = all.stored(Hint {
             rgb: [0.0, 1.0, 0.0],
             ..Hint::default()
         });

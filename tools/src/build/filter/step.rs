@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use brickfell_formats::layout::SampleLayout;
 
 use super::Target;
-use crate::build::blocks::{Block, BlockColumn, Blocks, Slot, block_columns, in_block, new_dense};
+use crate::build::blocks::{Block, BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense};
 use crate::build::lattice::{CellBox, SIDE};
 use crate::build::sample::{Mean, Sample};
 
@@ -76,22 +76,22 @@ fn taps(layout: SampleLayout) -> (i64, &'static [f32]) {
 type Buffers<K> = (Vec<Sample>, Vec<K>);
 
 /// A block and what is kept of it, if anything.
-type SlotPair<K> = (Slot<Sample>, Option<Slot<K>>);
+type SlotPair<K> = (Slot<Dense<Sample>>, Option<Slot<Dense<K>>>);
 
 /// The finer level: its samples, and what is kept of them unless it is the finest.
 struct Fine<'a, R: Rule> {
     rule: &'a R,
-    samples: &'a Blocks<Sample>,
-    kept: Option<&'a Blocks<R::Kept>>,
+    samples: &'a Blocks<Dense<Sample>>,
+    kept: Option<&'a Blocks<Dense<R::Kept>>>,
 }
 
 /// The coarser level.
 pub(super) fn coarser<R: Rule>(
     rule: &R,
-    samples: &Blocks<Sample>,
-    kept: Option<&Blocks<R::Kept>>,
+    samples: &Blocks<Dense<Sample>>,
+    kept: Option<&Blocks<Dense<R::Kept>>>,
     target: &Target,
-) -> (Blocks<Sample>, Blocks<R::Kept>) {
+) -> (Blocks<Dense<Sample>>, Blocks<Dense<R::Kept>>) {
     let fine = Fine { rule, samples, kept };
     let extent = target.cells.blocks();
     let (samples, kept) = block_columns(&extent)
@@ -111,7 +111,7 @@ impl<R: Rule> Fine<'_, R> {
         y: i64,
         extent: &CellBox,
         buffers: &mut Buffers<R::Kept>,
-    ) -> (BlockColumn<Sample>, BlockColumn<R::Kept>) {
+    ) -> (BlockColumn<Dense<Sample>>, BlockColumn<Dense<R::Kept>>) {
         let fine = self.samples;
         let first = taps(target.layout).0;
         let mut solid: Option<(i64, i64)> = None;
@@ -243,7 +243,7 @@ impl<R: Rule> Fine<'_, R> {
 }
 
 /// Copies a cube of `n`³ samples from `base` on; `solid` is what solid blocks hold.
-fn read<T: Copy + Default>(fine: &Blocks<T>, base: [i64; 3], n: i64, solid: T, buffer: &mut Vec<T>) {
+fn read<T: Copy + Default>(fine: &Blocks<Dense<T>>, base: [i64; 3], n: i64, solid: T, buffer: &mut Vec<T>) {
     buffer.clear();
     buffer.resize((n * n * n) as usize, T::default());
     let blocks = CellBox {
