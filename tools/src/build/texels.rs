@@ -339,11 +339,11 @@ impl TexelLevel {
         let mut met = [[0u16; 10]; 10];
         for (z, plane) in met.iter_mut().enumerate() {
             for (y, row) in plane.iter_mut().enumerate() {
-                let first = (z + 7) / 8 * 9 + (y + 7) / 8 * 3;
-                let byte = |k: usize| {
-                    around[first + k].map_or(0, |s| (s.met[(z + 7) % 8] >> (8 * ((y + 7) % 8))) as u8)
-                };
-                let [a, b, c] = [0, 1, 2].map(|k| u16::from(byte(k)));
+                // Counted from the cell before the block.
+                let [j, k] = [y, z].map(|c| c + 7);
+                let first = k / 8 * 9 + j / 8 * 3;
+                let byte = |i: usize| around[first + i].map_or(0, |s| (s.met[k % 8] >> (8 * (j % 8))) as u8);
+                let [a, b, c] = [0, 1, 2].map(|i| u16::from(byte(i)));
                 *row = a >> 7 | b << 1 | (c & 1) << 9;
             }
         }

@@ -91,8 +91,8 @@ impl View {
             return 0;
         }
         // All rows at once, so that they are done side by side; those that do not count are cut off at the end.
-        let mut ends = [[0; LINES]; 2];
-        for row in 0..LINES {
+        let (mut starts, mut ends) = ([0; LINES], [0; LINES]);
+        for (row, (start, end)) in starts.iter_mut().zip(&mut ends).enumerate() {
             let v = cell[1] + (row as f64 + shift[1]) * STEP;
             let bound = |(at, slope): (f64, f64)| at + slope * v;
             let mut from = max(max(cell[0], bound(self.lower[0])), bound(self.lower[1]));
@@ -109,12 +109,12 @@ impl View {
             };
             (from, to) = (max(from, near), min(to, far));
             let lines = |u: f64| (u - cell[0]) * LINES as f64 - shift[0];
-            ends[0][row] = at_or_above(lines(from));
-            ends[1][row] = past(lines(to));
+            *start = at_or_above(lines(from));
+            *end = past(lines(to));
         }
         let mut mask = 0;
         for row in first..last {
-            let bits = FROM[ends[0][row]] & BEFORE[ends[1][row]];
+            let bits = FROM[starts[row]] & BEFORE[ends[row]];
             mask |= u64::from(bits) << (LINES * row);
         }
         mask
