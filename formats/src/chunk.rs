@@ -2,15 +2,16 @@
 //!
 //! In memory a [`Chunk`] holds its bricks one after the other, apron included, ready for the GPU. On disk the bricks share
 //! what they have in common: the payload is the box of samples that covers the present bricks (aprons at its outside
-//! only, so it decodes without any other page), one plane of bytes per component, in columns from the top down, each
-//! byte as the difference to the one above it. Ground is constant from the surface downwards and empty above it, so most
-//! differences are zero; zstd does the rest.
+//! only, so it decodes without any other page). Packed, each sample is told by what is expected of it (module `pack`). Plain,
+//! there is one plane of bytes per component, in columns from the top down, each byte as the difference to the one above it: bytes
+//! that can be read by eye, and the oracle of tests.
 
 use glam::UVec3;
 
 use crate::error::FormatError;
 use crate::layout::{BRICK_VOXELS, SampleLayout};
 use crate::morton;
+use crate::pack::{self, Grid};
 
 /// Largest chunk: 4³ bricks, one bit each in a 64-bit mask.
 pub const MAX_CHUNK_SIDE: u32 = 4;
@@ -21,8 +22,8 @@ pub const MAX_CHUNK_SIDE: u32 = 4;
 pub enum Encoding {
     /// Column differences as they are.
     Plain = 0,
-    /// Column differences, compressed by zstd.
-    Zstd = 1,
+    /// By what is expected of each sample.
+    Packed = 2,
 }
 
 impl Encoding {
@@ -30,7 +31,7 @@ impl Encoding {
     pub fn from_code(code: u8) -> Option<Self> {
         match code {
             0 => Some(Self::Plain),
-            1 => Some(Self::Zstd),
+            2 => Some(Self::Packed),
             _ => None,
         }
     }
@@ -118,23 +119,30 @@ impl Region {
         (self.size.x * self.size.y * self.size.z) as usize
     }
 
-    /// Calls with the index of each sample in the bricks and of its place in a plane. In a plane, columns run along z, top
-    /// down, and are the fastest axis; then x, then y.
-    fn for_each_sample(&self, mask: u64, layout: SampleLayout, mut call: impl FnMut(usize, usize)) {
+    /// Calls with the index of each sample in the bricks and its place in the region: x, y, samples below the top.
+    fn for_each_place(&self, mask: u64, layout: SampleLayout, mut call: impl FnMut(usize, [usize; 3])) {
         let side = layout.side();
         for (k, p) in brick_positions(mask).enumerate() {
             let first = k * layout.samples();
             let corner = (p - self.lo) * BRICK_VOXELS;
+            let top = self.size.z - 1 - corner.z;
             for y in 0..side {
                 for x in 0..side {
-                    let column = ((corner.y + y) * self.size.x + corner.x + x) * self.size.z;
-                    let top = column + self.size.z - 1 - corner.z;
                     for z in 0..side {
-                        call(first + ((z * side + y) * side + x) as usize, (top - z) as usize);
+                        let place = [corner.x + x, corner.y + y, top - z].map(|v| v as usize);
+                        call(first + ((z * side + y) * side + x) as usize, place);
                     }
                 }
             }
         }
+    }
+
+    /// The same with the index of the place in a plane, where columns are the fastest axis; then x, then y.
+    fn for_each_sample(&self, mask: u64, layout: SampleLayout, mut call: impl FnMut(usize, usize)) {
+        let [columns, height] = [self.size.x as usize, self.size.z as usize];
+        self.for_each_place(mask, layout, |sample, [x, y, down]| {
+            call(sample, (y * columns + x) * height + down);
+        });
     }
 }
 
@@ -190,8 +198,7 @@ impl Chunk {
     /// Codes the chunk.
     ///
     /// # Errors
-    /// If the number of samples does not match the mask, bricks disagree about a sample that they share, or the
-    /// compressor fails.
+    /// If the number of samples does not match the mask, or bricks disagree about a sample that they share.
     pub fn encode(&self, encoding: Encoding) -> Result<Vec<u8>, FormatError> {
         let samples = self.bricks() * self.layout.samples();
         let opacities = self.opacity.len();
@@ -202,6 +209,17 @@ impl Chunk {
             return Err(FormatError::file("a chunk's samples do not match its mask"));
         }
         let region = Region::new(self.mask, self.layout);
+        let payload = match encoding {
+            Encoding::Plain => self.plain(&region),
+            Encoding::Packed => self.packed(&region),
+        };
+        payload.ok_or_else(|| {
+            FormatError::file("neighbouring bricks of a chunk disagree about a sample that they share")
+        })
+    }
+
+    /// The planes; `None` if bricks disagree.
+    fn plain(&self, region: &Region) -> Option<Vec<u8>> {
         let n = region.samples();
         let count = self.layers().planes();
         let mut planes = vec![0u8; n * count];
@@ -216,22 +234,25 @@ impl Chunk {
                 agree &= planes[plane * n + place] == v;
             }
         });
-        if !agree {
-            return Err(FormatError::file(
-                "neighbouring bricks of a chunk disagree about a sample that they share",
-            ));
-        }
         for column in planes.chunks_exact_mut(region.size.z as usize) {
             let mut above = 0u8;
             for v in column {
                 (*v, above) = (v.wrapping_sub(above), *v);
             }
         }
-        match encoding {
-            Encoding::Plain => Ok(planes),
-            Encoding::Zstd => zstd::bulk::compress(&planes, 3)
-                .map_err(|e| FormatError::file(format!("compressing a chunk failed: {e}"))),
-        }
+        agree.then_some(planes)
+    }
+
+    /// The packed samples; `None` if bricks disagree.
+    fn packed(&self, region: &Region) -> Option<Vec<u8>> {
+        let mut grid = Grid::new(region.size, self.layers() == Layers::Axes);
+        let mut agree = true;
+        region.for_each_place(self.mask, self.layout, |sample, place| {
+            let opacity = self.opacity.get(sample).copied().unwrap_or_default();
+            let at = grid.index(place);
+            agree &= grid.set(at, self.color[sample], self.normal[sample], opacity);
+        });
+        agree.then(|| pack::encode(&mut grid))
     }
 
     /// Decodes a payload whose checksum has been verified.
@@ -246,20 +267,33 @@ impl Chunk {
         encoding: Encoding,
     ) -> Result<Self, FormatError> {
         let region = Region::new(mask, layout);
+        let samples = mask.count_ones() as usize * layout.samples();
+        let opacities = if layers == Layers::Axes { samples } else { 0 };
+        let mut chunk = Self {
+            mask,
+            layout,
+            color: vec![[0; 4]; samples],
+            normal: vec![[0; 4]; samples],
+            opacity: vec![[0; 4]; opacities],
+        };
+        match encoding {
+            Encoding::Plain => chunk.unfold(bytes, &region, layers)?,
+            Encoding::Packed => chunk.unpack(bytes, &region, layers)?,
+        }
+        Ok(chunk)
+    }
+
+    fn unfold(&mut self, bytes: &[u8], region: &Region, layers: Layers) -> Result<(), FormatError> {
         let n = region.samples();
         let count = layers.planes();
-        let mut planes = match encoding {
-            Encoding::Plain => bytes.to_vec(),
-            Encoding::Zstd => zstd::bulk::decompress(bytes, n * count)
-                .map_err(|e| FormatError::file(format!("chunk payload does not decompress: {e}")))?,
-        };
-        if planes.len() != n * count {
+        if bytes.len() != n * count {
             return Err(FormatError::file(format!(
                 "chunk payload has {} bytes, {} expected",
-                planes.len(),
+                bytes.len(),
                 n * count
             )));
         }
+        let mut planes = bytes.to_vec();
         for column in planes.chunks_exact_mut(region.size.z as usize) {
             let mut above = 0u8;
             for v in column {
@@ -267,28 +301,32 @@ impl Chunk {
                 *v = above;
             }
         }
-        let samples = mask.count_ones() as usize * layout.samples();
-        let mut chunk = Self {
-            mask,
-            layout,
-            color: vec![[0; 4]; samples],
-            normal: vec![[0; 4]; samples],
-            opacity: Vec::new(),
-        };
-        let plane = |k: usize| &planes[k * n..(k + 1) * n];
-        let seven: [&[u8]; 7] = std::array::from_fn(plane);
-        region.for_each_sample(mask, layout, |sample, place| {
-            let [r, g, b, a, nx, ny, nz] = seven.map(|p| p[place]);
-            chunk.color[sample] = [r, g, b, a];
-            chunk.normal[sample] = [nx as i8, ny as i8, nz as i8, 0];
+        region.for_each_sample(self.mask, self.layout, |sample, place| {
+            let plane = |k: usize| planes[k * n + place];
+            self.color[sample] = [0, 1, 2, 3].map(plane);
+            let [x, y, z] = [4, 5, 6].map(|k| plane(k).cast_signed());
+            self.normal[sample] = [x, y, z, 0];
+            if layers == Layers::Axes {
+                self.opacity[sample] = [plane(7), plane(8), plane(9), 0];
+            }
         });
-        if layers == Layers::Axes {
-            chunk.opacity = vec![[0; 4]; samples];
-            let [x, y, z] = [7, 8, 9].map(plane);
-            region.for_each_sample(mask, layout, |sample, place| {
-                chunk.opacity[sample] = [x[place], y[place], z[place], 0];
-            });
-        }
-        Ok(chunk)
+        Ok(())
+    }
+
+    fn unpack(&mut self, bytes: &[u8], region: &Region, layers: Layers) -> Result<(), FormatError> {
+        let mut grid = Grid::new(region.size, layers == Layers::Axes);
+        region.for_each_place(self.mask, self.layout, |_, place| {
+            grid.announce(grid.index(place))
+        });
+        pack::decode(bytes, &mut grid)?;
+        region.for_each_place(self.mask, self.layout, |sample, place| {
+            let (color, normal, opacity) = grid.get(grid.index(place));
+            self.color[sample] = color;
+            self.normal[sample] = normal;
+            if layers == Layers::Axes {
+                self.opacity[sample] = opacity;
+            }
+        });
+        Ok(())
     }
 }

@@ -24,6 +24,7 @@ pub mod morton;
 pub mod octree;
 pub mod octree_binary;
 pub mod octree_xml;
+mod pack;
 pub mod scene;
 pub mod value;
 mod xml;

@@ -58,7 +58,7 @@ pub(crate) fn color(tag: u8, level: u8, chunk: u32) -> [u8; 4] {
 
 fn brick_file(tree: &Octree, level: u8, tag: u8) -> Vec<u8> {
     let layout = tree.header.layout;
-    let mut writer = BrickFileWriter::new(level, layout, CHUNK_LOG2, Encoding::Zstd);
+    let mut writer = BrickFileWriter::new(level, layout, CHUNK_LOG2, Encoding::Packed);
     let mut file = vec![0; HEADER_BYTES];
     let mut chunks: Vec<(u64, u64)> = Vec::new();
     for (p, node) in tree
@@ -86,7 +86,7 @@ fn brick_file(tree: &Octree, level: u8, tag: u8) -> Vec<u8> {
             normal: vec![[0, 0, 127, 0]; samples],
             opacity: Vec::new(),
         };
-        let payload = chunk.encode(Encoding::Zstd).unwrap();
+        let payload = chunk.encode(Encoding::Packed).unwrap();
         writer.push(morton::decode(code), mask, &payload).unwrap();
         file.extend_from_slice(&payload);
     }

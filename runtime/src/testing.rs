@@ -97,7 +97,7 @@ fn brick_file(
     bricks: &[UVec3],
     value: &impl Fn(u8, IVec3) -> Stored,
 ) -> Vec<u8> {
-    let mut writer = BrickFileWriter::new(level, layout, 2, Encoding::Zstd);
+    let mut writer = BrickFileWriter::new(level, layout, 2, Encoding::Packed);
     let mut out = vec![0; HEADER_BYTES];
     for bricks in bricks.chunk_by(|a, b| *a / 4 == *b / 4) {
         let mut chunk = Chunk {
@@ -120,7 +120,7 @@ fn brick_file(
                 chunk.normal.push(stored.normal);
             }
         }
-        let payload = chunk.encode(Encoding::Zstd).unwrap();
+        let payload = chunk.encode(Encoding::Packed).unwrap();
         writer.push(bricks[0] / 4, chunk.mask, &payload).unwrap();
         out.extend_from_slice(&payload);
     }

@@ -24,6 +24,10 @@ Examples:
     brickfell info db --json
     brickfell check db
 
+  The octrees to be read and edited, and a level for other programs
+    brickfell convert db --octrees xml --out readable
+    brickfell convert db --level 4 --out surface.obj
+
 Exit codes: 0 done; 1 an error, or faults that check found; 2 wrong usage, or a flight over a damaged database.";
 
 /// Builds terrain databases of sparse voxel octrees and flies through them.
@@ -44,6 +48,8 @@ enum Command {
     Render(commands::render::Args),
     /// Say how far two pictures are from each other
     Compare(commands::compare::Args),
+    /// Write a database otherwise: octrees as XML or binary, other chunks; or a level as OBJ or PLY
+    Convert(commands::convert::Args),
     /// Say what a database holds and what it takes
     Info(commands::info::Args),
     /// Read everything and list what is damaged
@@ -64,6 +70,7 @@ fn main() -> ExitCode {
         Command::Fly(args) => commands::fly::run(args),
         Command::Render(args) => commands::render::run(args),
         Command::Compare(args) => commands::compare::run(args),
+        Command::Convert(args) => commands::convert::run(args),
         Command::Info(args) => commands::info::run(args),
         Command::Check(args) => commands::check::run(args),
         Command::Bench(args) => commands::bench::run(args),

@@ -5,7 +5,7 @@ use brickfell_formats::bricks;
 use brickfell_formats::chunk::Chunk;
 use libfuzzer_sys::fuzz_target;
 
-/// Gives the file its magic, version, layers and checksums, with the directory at its end.
+/// Gives the file its magic, version, known layers and encoding, and checksums, with the directory at its end.
 fn seal(file: &mut [u8]) {
     let len = file.len();
     if len < bricks::HEADER_BYTES {
@@ -13,7 +13,8 @@ fn seal(file: &mut [u8]) {
     }
     file[..8].copy_from_slice(&bricks::MAGIC);
     file[8..12].copy_from_slice(&bricks::VERSION.to_le_bytes());
-    file[15] = 0b11;
+    file[15] = if file[15] & 1 == 0 { 0b11 } else { 0b111 };
+    file[16] = if file[16] & 1 == 0 { 2 } else { 0 };
     file[17..20].fill(0);
     file[40..60].fill(0);
     let chunks = usize::from(file[20] % 8).min((len - bricks::HEADER_BYTES) / bricks::ENTRY_BYTES);

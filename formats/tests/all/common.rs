@@ -49,7 +49,7 @@ fn layout() -> impl Strategy<Value = SampleLayout> {
 }
 
 pub(crate) fn encoding() -> impl Strategy<Value = Encoding> {
-    prop_oneof![Just(Encoding::Plain), Just(Encoding::Zstd)]
+    prop_oneof![Just(Encoding::Plain), Just(Encoding::Packed)]
 }
 
 /// A coordinate as an author or a survey would have it, or any double within the limits.

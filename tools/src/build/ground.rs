@@ -3,12 +3,12 @@
 //! The surface of a column is the fan of four triangles between the heights at its corners, which neighbouring columns
 //! share, and at its centre. Heights are in cell coordinates of the whole lattice.
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::lattice::{CellBox, Lattice};
 use super::spill::{Reader, Writer};
-use crate::input::Layer;
+use crate::input::{Columns, InputError, Layer};
 
 use brickfell_formats::layout::SampleLayout;
 
@@ -55,12 +55,6 @@ impl Ground {
 }
 
 impl Layer {
-    /// Height in cell coordinates over a point given in them, NaN where there is none.
-    fn height(&self, lattice: &Lattice, x: f64, y: f64) -> f64 {
-        let height = self.map.height_at(lattice.world_of(x), lattice.world_of(y));
-        height.map_or(f64::NAN, |z| lattice.cell_of(z))
-    }
-
     /// The rectangle of cells that the map may reach.
     pub(crate) fn extent(&self, lattice: &Lattice) -> ([i64; 2], [i64; 2]) {
         let (min, max) = self.map.bounds();
@@ -69,92 +63,83 @@ impl Layer {
         (lo, hi)
     }
 
-    /// Least and greatest height (cell coordinates) that the columns of a rectangle of cells have, if any.
+    /// Least and greatest height (cell coordinates) that the columns of a rectangle of cells may have, if there may be
+    /// ground: never too narrow, and too wide by what lies some pixels around it.
     pub(crate) fn range(&self, lattice: &Lattice, lo: [i64; 2], hi: [i64; 2]) -> Option<(f64, f64)> {
         let (l, h) = self.extent(lattice);
-        let (lo, hi) = (
-            [lo[0].max(l[0]), lo[1].max(l[1])],
-            [hi[0].min(h[0]), hi[1].min(h[1])],
-        );
-        let merge = |a: (f64, f64, bool), b: (f64, f64, bool)| (a.0.min(b.0), a.1.max(b.1), a.2 || b.2);
-        let none = (f64::INFINITY, f64::NEG_INFINITY, false);
-        let point = |x: f64, y: f64, counts: bool| match self.height(lattice, x, y) {
-            z if z.is_nan() => none,
-            z => (z, z, counts),
-        };
-        // Corners on the far edges belong to columns inside; there is ground only if a column's centre has some.
-        let range = (lo[1]..hi[1] + 1)
-            .into_par_iter()
-            .map(|y| {
-                (lo[0]..hi[0] + 1).fold(none, |range, x| {
-                    let inside = x < hi[0] && y < hi[1];
-                    let (x, y) = (x as f64, y as f64);
-                    let range = merge(range, point(x, y, false));
-                    if inside {
-                        merge(range, point(x + 0.5, y + 0.5, true))
-                    } else {
-                        range
-                    }
-                })
-            })
-            .reduce(|| none, merge);
-        range.2.then_some((range.0, range.1))
+        let lo = [0, 1].map(|k| lo[k].max(l[k]));
+        let hi = [0, 1].map(|k| hi[k].min(h[k]));
+        if lo[0] >= hi[0] || lo[1] >= hi[1] {
+            return None;
+        }
+        let (low, high) = self.map.range_over(columns(lattice), lo, hi)?;
+        Some((lattice.cell_of(low), lattice.cell_of(high)))
+    }
+}
+
+fn columns(lattice: &Lattice) -> Columns {
+    Columns {
+        step: lattice.voxel,
+        zero: lattice.shift(),
     }
 }
 
 impl GroundGrid {
     /// A layer over a rectangle of cells; `None` where it has no ground there.
-    pub(crate) fn new(layer: &Layer, lattice: &Lattice, area: &CellBox) -> Option<Self> {
+    ///
+    /// # Errors
+    /// If a part of the layer's files cannot be read.
+    pub(crate) fn new(layer: &Layer, lattice: &Lattice, area: &CellBox) -> Result<Option<Self>, InputError> {
         let (l, h) = layer.extent(lattice);
         let lo: [i64; 2] = std::array::from_fn(|k| area.lo[k].max(l[k]));
         let size: [i64; 2] = std::array::from_fn(|k| area.hi[k].min(h[k]) - lo[k]);
         if size[0] <= 0 || size[1] <= 0 {
-            return None;
+            return Ok(None);
         }
-        let corners: Vec<f64> = (0..=size[1])
-            .into_par_iter()
-            .flat_map_iter(|j| (0..=size[0]).map(move |i| (i, j)))
-            .map(|(i, j)| layer.height(lattice, (lo[0] + i) as f64, (lo[1] + j) as f64))
-            .collect();
+        let heights = |at: f64, more: i64| {
+            let [w, h] = size.map(|s| (s + more) as usize);
+            let mut heights = vec![0.0; w * h];
+            layer
+                .map
+                .heights(columns(lattice), lo.map(|v| v as f64 + at), w, &mut heights)?;
+            Ok::<_, InputError>(heights)
+        };
+        let centres = heights(0.5, 0)?;
+        if centres.iter().all(|z| z.is_nan()) {
+            return Ok(None);
+        }
+        let mut corners = heights(0.0, 1)?;
+        corners.par_iter_mut().for_each(|z| *z = lattice.cell_of(*z));
         let mut grid = Self {
             lo,
             size,
             corners,
             columns: Vec::new(),
         };
-        let column = |(i, j): (i64, i64)| {
-            let (x, y) = (lo[0] + i, lo[1] + j);
-            let centre = layer.height(lattice, x as f64 + 0.5, y as f64 + 0.5);
-            if centre.is_nan() {
-                return Column {
-                    centre,
-                    rgb: [0.0; 3],
-                    normal: [0.0; 3],
-                };
-            }
-            let [a, b, c, d] = grid.corner_heights(i, j, centre);
-            let slope = [(b + d - a - c) * 0.5, (c + d - a - b) * 0.5];
-            let normal = DVec3::new(-slope[0], -slope[1], 1.0).normalize().as_vec3();
-            let world = |x: i64, y: i64| DVec2::new(x as f64, y as f64).map(|v| lattice.world_of(v));
-            let rgb = layer.color(
-                world(x, y),
-                world(x + 1, y + 1),
-                lattice.world_of(centre),
-                normal.z,
-            );
+        let width = size[0] as usize;
+        let column = |k: usize| {
+            let centre = lattice.cell_of(centres[k]);
+            let normal = if centre.is_nan() {
+                DVec3::ZERO
+            } else {
+                let [a, b, c, d] = grid.corner_heights((k % width) as i64, (k / width) as i64, centre);
+                let slope = [(b + d - a - c) * 0.5, (c + d - a - b) * 0.5];
+                DVec3::new(-slope[0], -slope[1], 1.0).normalize()
+            };
             Column {
                 centre,
-                rgb,
-                normal: normal.to_array(),
+                rgb: [0.0; 3],
+                normal: normal.as_vec3().to_array(),
             }
         };
-        let columns: Vec<Column> = (0..size[1])
-            .into_par_iter()
-            .flat_map_iter(|j| (0..size[0]).map(move |i| (i, j)))
-            .map(column)
-            .collect();
-        grid.columns = columns;
-        grid.columns.iter().any(|c| !c.centre.is_nan()).then_some(grid)
+        let mut all: Vec<Column> = (0..centres.len()).into_par_iter().map(column).collect();
+        let ground: Vec<(f64, f32)> = centres.iter().zip(&all).map(|(z, c)| (*z, c.normal[2])).collect();
+        let colors = layer.colors(columns(lattice), lo, width, &ground)?;
+        all.iter_mut()
+            .zip(colors)
+            .for_each(|(column, rgb)| column.rgb = rgb);
+        grid.columns = all;
+        Ok(Some(grid))
     }
 
     /// Heights at the corners of a column, the centre's where there is none (at the rim of the map).

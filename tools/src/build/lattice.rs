@@ -65,11 +65,6 @@ impl Lattice {
         world / self.voxel + self.shift()
     }
 
-    /// World coordinate, metres, of a cell coordinate.
-    pub(crate) fn world_of(&self, cell: f64) -> f64 {
-        (cell - self.shift()) * self.voxel
-    }
-
     /// Cell coordinates of a world position.
     pub(crate) fn cells_of(&self, world: DVec3) -> DVec3 {
         world / self.voxel + self.shift()
@@ -209,7 +204,6 @@ mod tests {
             layout: SampleLayout::Corner,
         };
         assert_eq!((corner.cell_of(7.0), corner.cell_of(8.9)), (4.0, 4.95));
-        assert_eq!(corner.world_of(4.0), 7.0);
         let centre = Lattice {
             layout: SampleLayout::Centre,
             ..corner

@@ -24,7 +24,7 @@ pub(crate) const SCENE: &str = "scene.xml";
 
 const FORMAT: &str = "brickfell-build";
 /// Raised whenever the builder makes other bytes from the same input.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// What a database is made from.
 #[derive(Debug, Serialize)]
@@ -43,6 +43,8 @@ pub(crate) struct Arguments {
     pub(crate) tree_voxels: u32,
     pub(crate) up: String,
     pub(crate) height_unit: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) terrain_rgb: Option<String>,
     pub(crate) layout: String,
     pub(crate) encoding: String,
     pub(crate) chunk_log2: u8,

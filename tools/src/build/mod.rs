@@ -53,7 +53,7 @@ pub use filter::Filter;
 pub use progress::{IndicatifProgress, Progress, Silent};
 
 pub use crate::input::HeightInput;
-use crate::input::{HeightUnit, Inputs, Layer, UpAxis, mesh};
+use crate::input::{HeightOptions, HeightUnit, Layer, RasterCache, TerrainRgb, UpAxis, load_layers, mesh};
 use bins::Bins;
 use lattice::Lattice;
 use manifest::{Arguments, EMPTY_TREES, Manifest, SCENE, TREES};
@@ -67,6 +67,8 @@ pub const DEFAULT_LAYOUT: SampleLayout = SampleLayout::Centre;
 pub const DEFAULT_TREE_VOXELS: u32 = 512;
 /// Memory to work with unless told, bytes.
 pub const DEFAULT_MEMORY: u64 = 2 << 30;
+/// The part of the memory that height maps and imagery may take: one of so many. What is more of them stays on disk.
+const RASTERS_SHARE: u64 = 4;
 /// The part of the memory that faces may take: one of so many.
 const FACES_SHARE: u64 = 4;
 /// Voxels across the longest side of a terrain without height maps, unless told.
@@ -89,6 +91,8 @@ pub struct BuildArgs {
     pub up: UpAxis,
     /// Unit of heights; unless told the file's, else its horizontal unit.
     pub height_unit: Option<HeightUnit>,
+    /// How heights are coded in height maps with colours.
+    pub terrain_rgb: Option<TerrainRgb>,
     /// Where samples lie.
     pub layout: SampleLayout,
     /// How chunks are coded.
@@ -116,8 +120,9 @@ impl BuildArgs {
             tree_voxels: DEFAULT_TREE_VOXELS,
             up: UpAxis::Z,
             height_unit: None,
+            terrain_rgb: None,
             layout: DEFAULT_LAYOUT,
-            encoding: Encoding::Zstd,
+            encoding: Encoding::Packed,
             chunk_log2: 2,
             filter: Filter::default(),
             force: false,
@@ -181,7 +186,13 @@ struct Ground {
 
 impl Ground {
     fn load(args: &BuildArgs) -> Result<Self, BuildError> {
-        let layers = Inputs::load(&[], &args.heights, args.up, args.height_unit)?.layers;
+        let options = HeightOptions {
+            height_unit: args.height_unit,
+            terrain_rgb: args.terrain_rgb,
+            ..HeightOptions::default()
+        };
+        let cache = RasterCache::near(args.memory / RASTERS_SHARE, &args.out);
+        let layers = load_layers(&args.heights, options, &cache)?;
         Ok(Self { layers })
     }
 
@@ -199,7 +210,8 @@ impl Ground {
             layout: args.layout,
         };
         let mut faces = Bins::new(lattice, &args.out, (args.memory / FACES_SHARE) as usize);
-        let (mut warnings, mut files) = (Vec::new(), Vec::new());
+        let mut warnings: Vec<String> = self.layers.iter().flat_map(|l| l.map.notes.clone()).collect();
+        let mut files = Vec::new();
         for path in &args.inputs {
             let first = faces.materials.len() as u32;
             let mesh = mesh::stream(path, args.up, |new| faces.add(new, first))?;
@@ -278,7 +290,9 @@ fn build_from(
     })?;
     report.trees = trees.len();
     empty.write()?;
-    let crs = layers.iter().find_map(|l| l.map.georef.crs.clone());
+    let crs = layers
+        .iter()
+        .find_map(|l| l.map.world_system().map(str::to_string));
     manifest::write_whole(
         &args.out.join(SCENE),
         scene::scene(trees, crs).to_xml().as_bytes(),
@@ -295,6 +309,7 @@ fn manifest(args: &BuildArgs, lattice: &Lattice, materials: &[PathBuf]) -> Resul
         height_unit: args
             .height_unit
             .map_or("as in the file".into(), |u| format!("{u:?}")),
+        terrain_rgb: args.terrain_rgb.map(|rgb| format!("{rgb:?}")),
         layout: format!("{:?}", args.layout),
         encoding: format!("{:?}", args.encoding),
         chunk_log2: args.chunk_log2,

@@ -122,17 +122,25 @@ impl Sample {
 
     /// What is stored. `hint` is for solid that no surface gives colour and normal.
     pub(crate) fn stored(&self, hint: Hint) -> Stored {
-        let Hint { rgb, normal } = if self.is_surface() { self.look() } else { hint };
+        let look = if self.is_surface() { self.look() } else { hint };
         let alpha = self.alpha(self.skin);
+        let Hint { rgb, normal } = in_bytes(&look);
         Value { rgb, alpha, normal }.store(BUILD_GAIN)
     }
 
     /// Colour and normal of its surfaces in steps of a byte, for means.
     pub(crate) fn surface_look(&self) -> SurfaceLook {
-        let Hint { rgb, normal } = self.look();
-        let [r, g, b] = rgb.map(|c| srgb_to_linear(linear_to_srgb(c)));
-        let [x, y, z] = normal.map(|c| (c * 127.0).round() / 127.0);
+        let Hint { rgb, normal } = in_bytes(&self.look());
+        let ([r, g, b], [x, y, z]) = (rgb, normal);
         [r, g, b, x, y, z, 0.0, 0.0]
+    }
+}
+
+/// A look as codes of a byte tell it: sRGB, and parts of the normal in 127ths.
+fn in_bytes(look: &Hint) -> Hint {
+    Hint {
+        rgb: look.rgb.map(|c| srgb_to_linear(linear_to_srgb(c))),
+        normal: look.normal.map(|c| f32::from((c * 127.0).round() as i8) / 127.0),
     }
 }
 

@@ -113,15 +113,15 @@ impl Tile {
     /// Makes it and writes its file. Gives the surface voxels in it.
     ///
     /// # Errors
-    /// If the file cannot be written.
+    /// If the file cannot be written, or an input no longer be read.
     pub(crate) fn build(&self, terrain: &Terrain, path: &Path) -> Result<u64, BuildError> {
         let lattice = &terrain.lattice;
         let support = self.region.support(0);
         let grids: Vec<GroundGrid> = terrain
             .layers
             .iter()
-            .filter_map(|layer| GroundGrid::new(layer, lattice, &support))
-            .collect();
+            .filter_map(|layer| GroundGrid::new(layer, lattice, &support).transpose())
+            .collect::<Result<_, _>>()?;
         let faces = terrain.faces.near(self.region.own.lo, &support)?;
         let (mut level, met) = voxelise(&Sources {
             lattice: *lattice,

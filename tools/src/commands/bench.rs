@@ -46,6 +46,7 @@ impl Args {
             layers: self.layers.clone(),
             up: self.up,
             height_unit: self.height_unit,
+            terrain_rgb: None,
         };
         match &self.scene {
             Some(folder) if !input.is_empty() => Ok(Some(OwnScene {

@@ -86,6 +86,7 @@ impl Args {
             tree_voxels: self.tree,
             up: self.input.up(),
             height_unit: self.input.height_unit(),
+            terrain_rgb: self.input.terrain_rgb(),
             layout: self.layout.map_or(defaults.layout, |layout| match layout {
                 Layout::Centre => SampleLayout::Centre,
                 Layout::Corner => SampleLayout::Corner,

@@ -4,7 +4,7 @@
 //! probably not meant. Trees, and the chunks of their levels, are read in parallel; the output is in the order of the
 //! scene whatever the number of threads.
 
-mod bricks;
+pub(crate) mod bricks;
 mod seams;
 mod tree;
 

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches, ValueEnum, value_parser};
 
-use crate::input::{HeightInput, HeightUnit, InputError, Inputs, UpAxis};
+use crate::input::{
+    HeightInput, HeightOptions, HeightUnit, InputError, Inputs, RasterCache, TerrainRgb, UpAxis,
+};
 
 /// Meshes and height maps.
 #[derive(Args, Clone, Debug)]
@@ -22,6 +24,9 @@ pub struct InputArgs {
     /// Unit of heights [default: the file's own, else its horizontal unit]
     #[arg(long, value_enum)]
     pub height_unit: Option<Unit>,
+    /// How heights are coded in the colours of height maps that are RGB or RGBA pictures
+    #[arg(long, value_enum)]
+    pub terrain_rgb: Option<RgbCode>,
 }
 
 impl InputArgs {
@@ -41,6 +46,14 @@ impl InputArgs {
         })
     }
 
+    /// How heights are coded in colours.
+    pub fn terrain_rgb(&self) -> Option<TerrainRgb> {
+        self.terrain_rgb.map(|code| match code {
+            RgbCode::Mapbox => TerrainRgb::Mapbox,
+            RgbCode::Terrarium => TerrainRgb::Terrarium,
+        })
+    }
+
     /// Whether no input was named.
     pub fn is_empty(&self) -> bool {
         self.meshes.is_empty() && self.layers.0.is_empty()
@@ -51,7 +64,13 @@ impl InputArgs {
     /// # Errors
     /// As [`Inputs::load`].
     pub fn load(&self) -> Result<Inputs, InputError> {
-        Inputs::load(&self.meshes, &self.layers.0, self.up(), self.height_unit())
+        let options = HeightOptions {
+            height_unit: self.height_unit(),
+            terrain_rgb: self.terrain_rgb(),
+            ..HeightOptions::default()
+        };
+        let cache = RasterCache::new(RasterCache::DEFAULT_BUDGET, std::env::temp_dir());
+        Inputs::load(&self.meshes, &self.layers.0, self.up(), options, &cache)
     }
 }
 
@@ -71,6 +90,15 @@ pub enum Unit {
     M,
     /// International feet, 0.3048 m
     Ft,
+}
+
+/// A code of heights in colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RgbCode {
+    /// (65536 R + 256 G + B) / 10 - 10000 metres
+    Mapbox,
+    /// 256 R + G + B / 256 - 32768 metres
+    Terrarium,
 }
 
 /// Height maps in the order they were given, each with the `--imagery` that follows it.
@@ -93,11 +121,12 @@ impl Args for Layers {
         command
             .arg(file(
                 HEIGHTS,
-                "Height map: PNG (16-bit), TIFF or GeoTIFF; may be given several times",
+                "Height map: PNG (16-bit, or see --terrain-rgb), TIFF or GeoTIFF, ESRI ASCII grid, SRTM tile (.hgt), USGS \
+                 DEM (.dem); may be given several times",
             ))
             .arg(file(
                 IMAGERY,
-                "Picture over the --heights before it: PNG, JPEG or TIFF",
+                "Picture over the --heights before it: PNG, JPEG or TIFF, of any extent, resolution and known projection",
             ))
     }
 

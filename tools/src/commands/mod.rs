@@ -7,6 +7,7 @@ pub mod bench;
 pub mod build;
 pub mod check;
 pub mod compare;
+pub mod convert;
 pub(crate) mod database;
 pub mod demo;
 pub mod fly;

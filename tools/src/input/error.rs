@@ -96,11 +96,15 @@ pub enum InputError {
         /// The fault.
         what: String,
     },
-    /// Geographic coordinates, which this version does not place.
-    #[error("{}: coordinates are in degrees; project the file to a system in metres or feet first", path.display())]
-    Degrees {
+    /// A part of the file that can only be read as one is too large for the memory that rasters may use.
+    #[error("{}: {bytes} bytes have to be read at once, and {budget} are allowed; a tiled TIFF needs less", path.display())]
+    Memory {
         /// The file.
         path: PathBuf,
+        /// What it takes.
+        bytes: u64,
+        /// What there is.
+        budget: u64,
     },
     /// An image and the height map it belongs to do not fit together.
     #[error("{}: {what}", path.display())]

@@ -1,10 +1,12 @@
 //! The files of a terrain, read together.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
+use super::block_cache::RasterCache;
 use super::error::InputError;
-use super::heights::{HeightOptions, HeightUnit};
-use super::layer::Layer;
+use super::heights::HeightOptions;
+use super::layer::{Layer, load_layers};
 use super::mesh::{Mesh, UpAxis};
 
 /// A height map, with the picture that lies over it.
@@ -26,7 +28,8 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Reads meshes (OBJ) and height maps. A `height_unit` overrides the files'.
+    /// Reads meshes (OBJ) and height maps, these as far as `cache` has room for them and else in parts when they are
+    /// asked for.
     ///
     /// # Errors
     /// The first file that cannot be used.
@@ -34,17 +37,11 @@ impl Inputs {
         meshes: &[PathBuf],
         heights: &[HeightInput],
         up: UpAxis,
-        height_unit: Option<HeightUnit>,
+        options: HeightOptions,
+        cache: &Arc<RasterCache>,
     ) -> Result<Self, InputError> {
-        let options = HeightOptions {
-            height_unit,
-            ..HeightOptions::default()
-        };
-        let layers = heights
-            .iter()
-            .map(|h| Layer::load(&h.path, h.imagery.as_deref(), options));
         Ok(Self {
-            layers: layers.collect::<Result<_, _>>()?,
+            layers: load_layers(heights, options, cache)?,
             meshes: meshes
                 .iter()
                 .map(|path| Mesh::load(path, up))
@@ -54,6 +51,9 @@ impl Inputs {
 
     /// What was missing in the files but did not keep them from loading, one line each.
     pub fn warnings(&self) -> Vec<String> {
-        self.meshes.iter().flat_map(|m| m.warnings.clone()).collect()
+        let notes = self.layers.iter().flat_map(|l| l.map.notes.clone());
+        notes
+            .chain(self.meshes.iter().flat_map(|m| m.warnings.clone()))
+            .collect()
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use glam::DVec2;
+use glam::{DMat4, DVec2, DVec3, DVec4};
 
 use super::error::InputError;
 use super::georef::{GeoTransform, Placement};
@@ -12,6 +12,7 @@ use super::tiff_file::TiffTags;
 const GT_MODEL_TYPE: u16 = 1024;
 const GT_RASTER_TYPE: u16 = 1025;
 const GT_CITATION: u16 = 1026;
+const GEOGRAPHIC_TYPE: u16 = 2048;
 const GEOG_CITATION: u16 = 2049;
 const PROJECTED_CS_TYPE: u16 = 3072;
 const PCS_CITATION: u16 = 3073;
@@ -28,23 +29,23 @@ const USER_DEFINED: u16 = 32767;
 pub(crate) fn placement(path: &Path, tags: &TiffTags) -> Result<Placement, InputError> {
     let keys = Keys { tags };
     let mut placement = Placement::default();
-    match keys.short(GT_MODEL_TYPE) {
-        Some(MODEL_GEOGRAPHIC) => placement.geographic = true,
-        Some(MODEL_GEOCENTRIC) => {
-            return Err(InputError::georef(
-                path,
-                "geocentric coordinates are not supported; project the file first",
-            ));
-        }
-        _ => {}
-    }
+    let model = keys.short(GT_MODEL_TYPE);
     let point = keys.short(GT_RASTER_TYPE) == Some(PIXEL_IS_POINT);
-    placement.transform = transform(path, tags, point)?;
-    placement.crs = match keys.short(PROJECTED_CS_TYPE) {
-        Some(code) if code != 0 && code != USER_DEFINED => Some(format!("EPSG:{code}")),
-        _ => [PCS_CITATION, GT_CITATION, GEOG_CITATION]
-            .into_iter()
-            .find_map(|key| keys.text(key)),
+    if model == Some(MODEL_GEOCENTRIC) {
+        placement.geocentric = Some(geocentric(path, tags, point)?);
+    } else {
+        placement.transform = transform(path, tags, point)?;
+    }
+    let code = |key| {
+        let code = keys.short(key).filter(|code| *code != 0 && *code != USER_DEFINED);
+        code.map(|code| format!("EPSG:{code}"))
+    };
+    let cited = |ids: &[u16]| ids.iter().find_map(|key| keys.text(*key));
+    placement.crs.geographic = model == Some(MODEL_GEOGRAPHIC);
+    placement.crs.name = if placement.crs.geographic {
+        code(GEOGRAPHIC_TYPE)
+    } else {
+        code(PROJECTED_CS_TYPE).or_else(|| cited(&[PCS_CITATION, GT_CITATION, GEOG_CITATION]))
     };
     placement.linear_unit = match keys.short(PROJ_LINEAR_UNITS) {
         Some(USER_DEFINED) | None => keys.double(PROJ_LINEAR_UNIT_SIZE),
@@ -117,6 +118,20 @@ fn transform(path: &Path, tags: &TiffTags, point: bool) -> Result<Option<GeoTran
     };
     transform.origin = transform.at(shift);
     transform.checked(path).map(Some)
+}
+
+/// Pixel space and height to geocentric metres: four by four numbers, row by row.
+fn geocentric(path: &Path, tags: &TiffTags, point: bool) -> Result<DMat4, InputError> {
+    let numbers: Option<[f64; 16]> = tags.transformation.as_slice().try_into().ok();
+    let matrix = numbers.map(|n| DMat4::from_cols_array(&n).transpose());
+    let shift = if point { -0.5 } else { 0.0 };
+    match matrix.map(|m| m * DMat4::from_translation(DVec3::new(shift, shift, 0.0))) {
+        Some(m) if m.is_finite() && m.inverse().is_finite() && m.row(3) == DVec4::W => Ok(m),
+        _ => Err(InputError::georef(
+            path,
+            "geocentric coordinates need a ModelTransformation of columns, rows and heights",
+        )),
+    }
 }
 
 /// The key directory: a header of four numbers, then four numbers a key.
@@ -204,7 +219,7 @@ mod tests {
         )
         .unwrap();
         assert_eq!(
-            (feet.linear_unit, feet.crs.as_deref()),
+            (feet.linear_unit, feet.crs.name.as_deref()),
             (Some(0.3048), Some("EPSG:2992"))
         );
         assert_eq!(feet.vertical_unit, Some(1200.0 / 3937.0));
@@ -216,8 +231,14 @@ mod tests {
         own.doubles = vec![0.0, 0.2];
         own.ascii = "xab|".into();
         let own = placement(path, &own).unwrap();
-        assert_eq!((own.linear_unit, own.crs.as_deref()), (Some(0.2), Some("ab")));
-        assert!(placement(path, &tags(&[[1024, 0, 1, 2]])).unwrap().geographic);
+        assert_eq!(
+            (own.linear_unit, own.crs.name.as_deref()),
+            (Some(0.2), Some("ab"))
+        );
+        let degrees = placement(path, &tags(&[[1024, 0, 1, 2], [2048, 0, 1, 4326]]))
+            .unwrap()
+            .crs;
+        assert!(degrees.geographic && degrees.name.as_deref() == Some("EPSG:4326"));
         assert!(placement(path, &tags(&[[3076, 0, 1, 4]])).is_err());
     }
 

@@ -7,15 +7,12 @@
 use std::fs;
 use std::path::Path;
 
-use glam::DVec2;
+use glam::{DMat4, DVec2, DVec3};
 
+use super::crs::Crs;
 use super::error::InputError;
-use super::geokeys;
-use super::image_file::file_start;
-use super::pam;
-use super::tiff_file;
-use super::wkt;
-use super::world_file;
+use super::image_file::Kind;
+use super::{ascii_grid, geokeys, hgt, pam, tiff_file, usgs_dem, wkt, world_file};
 
 /// An affine map from pixel space to coordinates: `origin + column · c + row · r`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -122,11 +119,22 @@ pub struct Georef {
     pub linear_unit_metres: f64,
     /// Metres per unit of the heights, if the file says so.
     pub vertical_unit_metres: Option<f64>,
-    /// Whether the coordinates are degrees. Always false in what loaders return: they refuse degrees.
+    /// Whether the coordinates are degrees.
     pub geographic: bool,
 }
 
 impl Georef {
+    /// Of a raster that lies on its own pixels, 1 m each, with the lower-left outer corner in the origin.
+    pub(crate) fn pixels(rows: u32) -> Self {
+        Georef {
+            transform: GeoTransform::north_up(DVec2::ZERO, 1.0, rows),
+            crs: None,
+            linear_unit_metres: 1.0,
+            vertical_unit_metres: None,
+            geographic: false,
+        }
+    }
+
     /// Pixel space to world metres.
     pub fn to_world(&self) -> GeoTransform {
         self.transform.scaled(self.linear_unit_metres)
@@ -137,31 +145,76 @@ impl Georef {
 #[derive(Debug, Default, Clone, PartialEq)]
 pub(crate) struct Placement {
     pub(crate) transform: Option<GeoTransform>,
-    pub(crate) crs: Option<String>,
+    /// Pixel space and height to geocentric metres, instead of a transform.
+    pub(crate) geocentric: Option<DMat4>,
+    pub(crate) crs: Crs,
     pub(crate) linear_unit: Option<f64>,
     pub(crate) vertical_unit: Option<f64>,
-    pub(crate) geographic: bool,
     pub(crate) nodata: Option<f64>,
     pub(crate) scale: Option<f64>,
     pub(crate) offset: Option<f64>,
 }
 
 impl Placement {
-    pub(crate) fn set_crs(&mut self, crs: wkt::Crs) {
-        self.crs = crs.name;
-        self.linear_unit = crs.linear_unit;
-        self.vertical_unit = crs.vertical_unit;
-        self.geographic = crs.geographic;
+    pub(crate) fn set_crs(&mut self, system: wkt::System) {
+        self.crs = system.crs;
+        self.linear_unit = system.linear_unit;
+        self.vertical_unit = system.vertical_unit;
+    }
+
+    /// Whether it says where pixels lie.
+    pub(crate) fn is_placed(&self) -> bool {
+        self.transform.is_some() || self.geocentric.is_some()
+    }
+
+    /// The same extent divided into other pixels: columns and rows before and after.
+    pub(crate) fn resized(&self, from: (u32, u32), to: (u32, u32)) -> Self {
+        let scale = DVec3::new(
+            f64::from(from.0) / f64::from(to.0),
+            f64::from(from.1) / f64::from(to.1),
+            1.0,
+        );
+        Placement {
+            transform: self.transform.map(|t| t.resized(from, to)),
+            geocentric: self.geocentric.map(|m| m * DMat4::from_scale(scale)),
+            crs: self.crs.clone(),
+            linear_unit: self.linear_unit,
+            ..Placement::default()
+        }
+    }
+
+    /// What is missing of a picture's placement taken from the ground's below it; sizes are columns and rows.
+    pub(crate) fn over(mut self, ground: &Placement, ground_size: (u32, u32), size: (u32, u32)) -> Self {
+        if !self.is_placed() {
+            return ground.resized(ground_size, size);
+        }
+        if !self.has_system() {
+            self.linear_unit = ground.linear_unit;
+            self.crs = ground.crs.clone();
+        }
+        self
+    }
+
+    /// Whether it says in which system.
+    pub(crate) fn has_system(&self) -> bool {
+        self.crs != Crs::default() || self.linear_unit.is_some() || self.geocentric.is_some()
     }
 
     /// Fills what is missing here from a source of less weight.
     pub(crate) fn or(mut self, other: Placement) -> Placement {
-        if self.crs.is_none() && self.linear_unit.is_none() && !self.geographic {
+        if !self.has_system() {
             self.crs = other.crs;
             self.linear_unit = other.linear_unit;
-            self.geographic = other.geographic;
-        } else if self.linear_unit.is_none() && self.crs == other.crs {
-            self.linear_unit = other.linear_unit;
+        } else {
+            if self.linear_unit.is_none() && self.crs == other.crs {
+                self.linear_unit = other.linear_unit;
+            }
+            if self.crs.name.is_none() || self.crs.name == other.crs.name {
+                self.crs.definition = self.crs.definition.or(other.crs.definition);
+            }
+        }
+        if !self.is_placed() {
+            self.geocentric = other.geocentric;
         }
         self.transform = self.transform.or(other.transform);
         self.vertical_unit = self.vertical_unit.or(other.vertical_unit);
@@ -171,14 +224,26 @@ impl Placement {
         self
     }
 
+    /// Takes coordinates of no stated system for degrees where nothing else is likely: all of them are longitudes and
+    /// latitudes, and pixels are smaller than a hundredth. Says whether it did.
+    pub(crate) fn guess_degrees(&mut self, size: (u32, u32)) -> bool {
+        let Some(transform) = self.transform.filter(|_| !self.has_system()) else {
+            return false;
+        };
+        let (min, max) = transform.bounds(size);
+        let on_earth = min.cmpge(DVec2::new(-180.5, -90.5)).all() && max.cmple(DVec2::new(360.5, 90.5)).all();
+        self.crs.geographic = on_earth && transform.column.length().max(transform.row.length()) < 0.01;
+        self.crs.geographic
+    }
+
     /// The georeference, in a system without a stated unit taken as metres. `None` without a transform.
     pub(crate) fn georef(&self) -> Option<Georef> {
         self.transform.map(|transform| Georef {
             transform,
-            crs: self.crs.clone(),
+            crs: self.crs.name.clone(),
             linear_unit_metres: self.linear_unit.unwrap_or(1.0),
             vertical_unit_metres: self.vertical_unit,
-            geographic: self.geographic,
+            geographic: self.crs.geographic,
         })
     }
 }
@@ -186,24 +251,21 @@ impl Placement {
 /// Everything that the file, its side file and its world file say about where the pixels lie.
 ///
 /// # Errors
-/// Sources that are there but damaged, and coordinates in degrees.
+/// Sources that are there but damaged.
 pub(crate) fn read(path: &Path) -> Result<Placement, InputError> {
     let mut placement = pam::read_beside(path)?;
-    if tiff_file::is_tiff(&file_start(path)?) {
-        let tags = tiff_file::read_tags(path)?;
-        placement = placement.or(geokeys::placement(path, &tags)?);
-    }
+    placement = placement.or(match Kind::of(path)? {
+        Kind::Tiff => geokeys::placement(path, &tiff_file::read_tags(path)?)?,
+        Kind::Ascii => ascii_grid::Header::read(path)?.placement(),
+        Kind::Hgt => hgt::placement(path)?,
+        Kind::UsgsDem => usgs_dem::Header::read(path)?.placement(path)?,
+        Kind::Picture => Placement::default(),
+    });
     let mut beside = read_prj(path)?;
-    if placement.transform.is_none() {
+    if !placement.is_placed() {
         beside.transform = world_file::read_beside(path)?;
     }
-    placement = placement.or(beside);
-    if placement.geographic {
-        return Err(InputError::Degrees {
-            path: path.to_path_buf(),
-        });
-    }
-    Ok(placement)
+    Ok(placement.or(beside))
 }
 
 /// The coordinate system from the `.prj` file that often goes with a world file.
@@ -254,6 +316,22 @@ mod tests {
     }
 
     #[test]
+    fn only_fine_pixels_on_the_earth_are_taken_for_degrees() {
+        let degrees = |corner: DVec2, size: f64, unit: Option<f64>| {
+            let mut placement = Placement {
+                transform: Some(GeoTransform::north_up(corner, size, 100)),
+                linear_unit: unit,
+                ..Placement::default()
+            };
+            placement.guess_degrees((100, 100))
+        };
+        assert!(degrees(DVec2::new(-119.8, 34.4), 3.03e-5, None));
+        assert!(!degrees(DVec2::new(-119.8, 34.4), 3.03e-5, Some(1.0)));
+        assert!(!degrees(DVec2::new(0.0, 0.0), 0.1, None), "a site of 10 m");
+        assert!(!degrees(DVec2::new(557_805.0, 5_107_965.0), 0.005, None));
+    }
+
+    #[test]
     fn side_file_comes_before_world_file_and_prj_gives_the_unit() {
         let dir = tempfile::tempdir().unwrap();
         let image = dir.path().join("a.png");
@@ -278,6 +356,7 @@ mod tests {
             "GEOGCS[\"WGS 84\",UNIT[\"degree\",0.01745]]",
         )
         .unwrap();
-        assert!(read(&image).unwrap_err().to_string().contains("degrees"));
+        let placement = read(&image).unwrap();
+        assert!(placement.crs.geographic && placement.linear_unit.is_none());
     }
 }

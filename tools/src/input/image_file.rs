@@ -3,20 +3,249 @@
 //! The kind of file is taken from its first bytes, and only then from its name. Called from any thread.
 
 use std::fs;
-use std::io::{Cursor, Read};
+use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
+use std::sync::Arc;
 
-use image::{ImageError, ImageFormat, ImageReader};
+use image::{ImageDecoder, ImageError, ImageFormat, ImageReader};
 use tiff::ColorType;
 use tiff::decoder::DecodingResult;
 
+use super::block_cache::{Cell, Held, RasterCache};
+use super::cells::{Blocks, Cells, Rows, See};
 use super::error::InputError;
-use super::tiff_file::{self, TiffImage};
+use super::png_rows::{self, PngRows};
+use super::tiff_file::{self, Tiff, TiffImage};
 
 /// Longest side of an image that is read, pixels.
-pub const MAX_SIDE: u32 = 1 << 17;
-/// Most pixels of an image that is read (2 GiB as RGBA8).
-pub const MAX_PIXELS: u64 = 1 << 29;
+pub const MAX_SIDE: u32 = 1 << 22;
+/// Most pixels of an image that is read.
+pub const MAX_PIXELS: u64 = 1 << 40;
+/// Most pixels of an image that is decoded as a whole (2 GiB as RGBA8).
+pub const MAX_WHOLE: u64 = 1 << 29;
+
+/// How a raster file is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// TIFF or BigTIFF.
+    Tiff,
+    /// ESRI ASCII grid.
+    Ascii,
+    /// SRTM tile.
+    Hgt,
+    /// USGS ASCII DEM.
+    UsgsDem,
+    /// PNG, JPEG, BMP or TGA.
+    Picture,
+}
+
+impl Kind {
+    /// By the first bytes, and by the name where a format has no signature.
+    pub(crate) fn of(path: &Path) -> Result<Self, InputError> {
+        let start = file_start(path)?;
+        let text = String::from_utf8_lossy(&start).trim_start().to_ascii_lowercase();
+        let named = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+        let keys = ["ncols", "nrows", "xllc", "yllc", "cellsize", "dx", "nodata"];
+        Ok(if tiff_file::is_tiff(&start) {
+            Kind::Tiff
+        } else if named("asc") || keys.iter().any(|key| text.starts_with(key)) {
+            Kind::Ascii
+        } else if named("hgt") {
+            Kind::Hgt
+        } else if named("dem") {
+            Kind::UsgsDem
+        } else {
+            Kind::Picture
+        })
+    }
+}
+
+/// Size and samples of a picture, from its first bytes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PictureInfo {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) channels: usize,
+    pub(crate) sixteen: bool,
+}
+
+/// Looks at a PNG, JPEG, BMP or TGA file without decoding it.
+pub(crate) fn look(path: &Path) -> Result<PictureInfo, InputError> {
+    if let Some(reader) = png_rows::open(path)? {
+        let (channels, sixteen) = png_rows::layout(&reader);
+        let (width, height) = (reader.info().width, reader.info().height);
+        check_size(path, width, height)?;
+        return Ok(PictureInfo {
+            width,
+            height,
+            channels,
+            sixteen,
+        });
+    }
+    let file = fs::File::open(path).map_err(|e| InputError::io(path, e))?;
+    let mut reader = ImageReader::new(BufReader::new(file));
+    reader.set_format(format(path)?);
+    reader.no_limits();
+    let decoder = reader.into_decoder().map_err(|e| fault(path, e))?;
+    let (width, height) = decoder.dimensions();
+    check_size(path, width, height)?;
+    let color = decoder.color_type();
+    Ok(PictureInfo {
+        width,
+        height,
+        channels: usize::from(color.channel_count()),
+        sixteen: color.bytes_per_pixel() > color.channel_count(),
+    })
+}
+
+/// Columns and rows of a colour image.
+pub(crate) fn size(path: &Path) -> Result<(u32, u32), InputError> {
+    if Kind::of(path)? == Kind::Tiff {
+        let tiff = Tiff::open(path)?;
+        return Ok((tiff.width, tiff.height));
+    }
+    let picture = look(path)?;
+    Ok((picture.width, picture.height))
+}
+
+/// The format of a picture that is decoded as a whole, by its first bytes, else by its name.
+fn format(path: &Path) -> Result<ImageFormat, InputError> {
+    let start = file_start(path)?;
+    let format = image::guess_format(&start)
+        .ok()
+        .or_else(|| ImageFormat::from_path(path).ok());
+    match format {
+        Some(f @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::Bmp | ImageFormat::Tga)) => Ok(f),
+        _ => Err(InputError::unsupported(
+            path,
+            "not a PNG, JPEG, BMP, TGA or TIFF image, ASCII grid, SRTM tile (.hgt) or USGS DEM (.dem)",
+        )),
+    }
+}
+
+/// Decodes as [`decode`] does, if the picture and what decoding takes fit half of what rasters may use.
+pub(crate) fn decode_within(
+    path: &Path,
+    cache: &Arc<RasterCache>,
+) -> Result<(image::DynamicImage, Held), InputError> {
+    let picture = look(path)?;
+    let file = fs::metadata(path).map_err(|e| InputError::io(path, e))?.len();
+    // The decoder's pixels and ours.
+    let bytes = u64::from(picture.width) * u64::from(picture.height) * 8 + file;
+    if bytes > cache.budget() / 2 {
+        return Err(InputError::Memory {
+            path: path.to_path_buf(),
+            bytes,
+            budget: cache.budget() / 2,
+        });
+    }
+    let used = cache.borrow(bytes);
+    Ok((decode(path)?, used))
+}
+
+/// Rows of a raster that had to be decoded as a whole.
+pub(crate) struct WholeRows {
+    size: (u32, u32),
+    cells: std::vec::IntoIter<Cell>,
+}
+
+impl WholeRows {
+    pub(crate) fn new(width: u32, height: u32, cells: Vec<Cell>) -> Self {
+        Self {
+            size: (width, height),
+            cells: cells.into_iter(),
+        }
+    }
+}
+
+impl Rows for WholeRows {
+    fn size(&self) -> (u32, u32) {
+        self.size
+    }
+
+    fn next(&mut self, row: &mut [Cell]) -> Result<(), InputError> {
+        row.iter_mut()
+            .zip(&mut self.cells)
+            .for_each(|(to, from)| *to = from);
+        Ok(())
+    }
+}
+
+/// Reads a colour image of any size.
+pub(crate) fn read_colors(
+    path: &Path,
+    nodata: Option<u8>,
+    cache: &Arc<RasterCache>,
+) -> Result<Cells, InputError> {
+    let clear = move |pixels: &mut [Cell]| {
+        if let Some(code) = nodata {
+            pixels
+                .iter_mut()
+                .filter(|p| p[..3] == [code; 3])
+                .for_each(|p| *p = [0; 4]);
+        }
+    };
+    if Kind::of(path)? == Kind::Tiff {
+        let tiff = Tiff::open(path)?;
+        let grid = tiff.grid();
+        return Cells::from_blocks(path, grid, Box::new(TiffColors { tiff, nodata }), cache, None);
+    }
+    let see: See = &mut |_, _, _| ();
+    if let Some(reader) = png_rows::open(path)? {
+        let (channels, sixteen) = png_rows::layout(&reader);
+        check_size(path, reader.info().width, reader.info().height)?;
+        let convert = move |line: &[u8], row: &mut [Cell]| {
+            let step = if sixteen { 2 * channels } else { channels };
+            for (cell, pixel) in row.iter_mut().zip(line.chunks_exact(step)) {
+                let code = |k: usize| match sixteen {
+                    true => eight_bits(u16::from_be_bytes([pixel[2 * k], pixel[2 * k + 1]])),
+                    false => pixel[k],
+                };
+                *cell = match channels {
+                    1 => [code(0), code(0), code(0), 255],
+                    2 => [code(0), code(0), code(0), code(1)],
+                    3 => [code(0), code(1), code(2), 255],
+                    _ => [code(0), code(1), code(2), code(3)],
+                };
+            }
+            clear(row);
+        };
+        return Cells::from_rows(&mut PngRows::new(path, reader, convert), cache, see);
+    }
+    let is_jpeg = file_start(path)?.get(..2) == Some(&[0xff, 0xd8]);
+    let (image, _used) = decode_within(path, cache)?;
+    let image = image.into_rgba8();
+    let (width, height) = image.dimensions();
+    let mut pixels = image.into_raw().as_chunks::<4>().0.to_vec();
+    if !is_jpeg {
+        clear(&mut pixels);
+    }
+    Cells::from_rows(&mut WholeRows::new(width, height, pixels), cache, see)
+}
+
+/// Colours of a TIFF file, by its strips or tiles.
+#[derive(Debug)]
+struct TiffColors {
+    tiff: Tiff,
+    nodata: Option<u8>,
+}
+
+impl Blocks for TiffColors {
+    fn read(&self, column: u32, row: u32) -> Result<Vec<Cell>, InputError> {
+        let mut pixels = from_tiff(self.tiff.path(), self.tiff.block(column, row)?)?.pixels;
+        if let Some(code) = self.nodata {
+            pixels
+                .iter_mut()
+                .filter(|p| p[..3] == [code; 3])
+                .for_each(|p| *p = [0; 4]);
+        }
+        Ok(pixels)
+    }
+}
+
+fn eight_bits(code: u16) -> u8 {
+    ((u32::from(code) * 255 + 32767) / 65535) as u8
+}
 
 /// A decoded colour image: sRGB, straight alpha, row 0 at the top.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -48,6 +277,20 @@ pub(crate) fn check_size(path: &Path, width: u32, height: u32) -> Result<(), Inp
     Ok(())
 }
 
+/// Like [`check_size`], for images that are decoded as a whole: at most [`MAX_WHOLE`] pixels.
+pub(crate) fn check_whole(path: &Path, width: u32, height: u32) -> Result<(), InputError> {
+    check_size(path, width, height)?;
+    if u64::from(width) * u64::from(height) > MAX_WHOLE {
+        return Err(InputError::TooLarge {
+            path: path.to_path_buf(),
+            width: u64::from(width),
+            height: u64::from(height),
+            limit: format!("{MAX_WHOLE} pixels where all of them are decoded at once"),
+        });
+    }
+    Ok(())
+}
+
 /// The first bytes of a file, enough to tell its kind.
 pub(crate) fn file_start(path: &Path) -> Result<Vec<u8>, InputError> {
     let mut start = Vec::with_capacity(16);
@@ -60,29 +303,17 @@ pub(crate) fn file_start(path: &Path) -> Result<Vec<u8>, InputError> {
 /// Decodes PNG, JPEG, BMP or TGA.
 pub(crate) fn decode(path: &Path) -> Result<image::DynamicImage, InputError> {
     let bytes = fs::read(path).map_err(|e| InputError::io(path, e))?;
-    let mut reader = ImageReader::new(Cursor::new(bytes.as_slice()))
-        .with_guessed_format()
-        .map_err(|e| InputError::io(path, e))?;
-    let format = match reader.format().or_else(|| ImageFormat::from_path(path).ok()) {
-        Some(f @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::Bmp | ImageFormat::Tga)) => f,
-        _ => {
-            return Err(InputError::unsupported(
-                path,
-                "not a PNG, JPEG, BMP, TGA or TIFF image",
-            ));
-        }
-    };
+    let format = format(path)?;
     if format == ImageFormat::Jpeg && !jpeg_is_complete(&bytes) {
         return Err(InputError::damaged(
             path,
             "the JPEG file is cut short (no end marker)",
         ));
     }
-    reader.set_format(format);
-    let (width, height) = ImageReader::with_format(Cursor::new(bytes.as_slice()), format)
-        .into_dimensions()
-        .map_err(|e| fault(path, e))?;
-    check_size(path, width, height)?;
+    let reader = || ImageReader::with_format(Cursor::new(bytes.as_slice()), format);
+    let (width, height) = reader().into_dimensions().map_err(|e| fault(path, e))?;
+    check_whole(path, width, height)?;
+    let mut reader = reader();
     reader.no_limits();
     reader.decode().map_err(|e| fault(path, e))
 }
@@ -145,10 +376,7 @@ fn from_tiff(path: &Path, image: TiffImage) -> Result<Raster, InputError> {
     let count = image.width as usize * image.height as usize;
     let bytes: Vec<u8> = match image.samples {
         DecodingResult::U8(samples) => samples,
-        DecodingResult::U16(samples) => samples
-            .into_iter()
-            .map(|s| ((u32::from(s) * 255 + 32767) / 65535) as u8)
-            .collect(),
+        DecodingResult::U16(samples) => samples.into_iter().map(eight_bits).collect(),
         _ => {
             return Err(InputError::unsupported(
                 path,

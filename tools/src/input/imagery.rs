@@ -1,77 +1,87 @@
 //! Pictures laid over height maps, and the colours of ground without a picture.
 //!
-//! A colour is the box filter of the picture over a world rectangle, in linear light: pixels count by the part of them
-//! that is covered, a rectangle narrower than a pixel is widened to one pixel (which is bilinear interpolation).
-//! Immutable once loaded; `color_at_area` is called for every voxel column from many threads and allocates nothing.
+//! A colour is the box filter of the picture over a rectangle, in linear light: pixels count by the part of them that is
+//! covered, a rectangle narrower than a pixel is widened to one pixel (which is bilinear interpolation). Of a rectangle
+//! that lies askew in the picture it is the box around it. Immutable once loaded; any thread.
 
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
-use glam::DVec2;
-
+use super::block_cache::RasterCache;
+use super::cells::{Cells, Window};
+#[cfg(test)]
+use super::crs::Crs;
 use super::error::InputError;
-use super::georef::{self, GeoTransform, Georef, Placement};
+use super::georef::Placement;
 use super::heights::HeightMap;
-use super::image_file::{Raster, file_start};
+#[cfg(test)]
+use super::image_file::Raster;
+use super::image_file::read_colors;
 use super::linear::{LINEAR, linear_of, premultiplied};
+use super::place::{Frame, Place};
 
 /// A picture and where it lies.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Imagery {
-    /// The picture.
-    pub raster: Raster,
-    /// Where its pixels lie.
-    pub georef: Georef,
-    to_pixel: GeoTransform,
+    pub(super) cells: Cells,
+    pub(super) place: Place,
     linear: Box<[f32; 256]>,
 }
 
 impl Imagery {
-    /// Reads the picture that belongs to `heights`. One without a georeference covers the height map exactly.
-    /// Pixels that equal a declared nodata value in all bands become transparent (not in JPEG, which keeps no exact values).
+    /// A picture in memory that is laid over heights. Without a georeference it covers the height map exactly.
     ///
     /// # Errors
-    /// A missing or damaged file, degrees, another coordinate system than the heights', no overlap with them.
-    pub fn load(path: &Path, heights: &HeightMap) -> Result<Imagery, InputError> {
-        let placement = georef::read(path)?;
-        Imagery::place(path, Raster::load(path)?, placement, heights)
-    }
-
+    /// Another coordinate system than the heights', no overlap with them.
+    #[cfg(test)]
     pub(crate) fn place(
         path: &Path,
-        mut raster: Raster,
-        mut placement: Placement,
+        raster: Raster,
+        placement: Placement,
         heights: &HeightMap,
     ) -> Result<Imagery, InputError> {
+        let ground = Placement {
+            transform: Some(heights.georef.transform),
+            crs: Crs {
+                name: heights.georef.crs.clone(),
+                ..Crs::default()
+            },
+            linear_unit: Some(heights.georef.linear_unit_metres),
+            ..Placement::default()
+        };
+        let frame = Frame::of(&[(path, &ground, (heights.width, heights.height))])?;
         let size = (raster.width, raster.height);
-        if let (Some(image), Some(ground)) = (&placement.crs, &heights.georef.crs)
-            && image != ground
-            && image.starts_with("EPSG:")
-            && ground.starts_with("EPSG:")
-        {
-            let what =
-                format!("the image is in {image} but the heights are in {ground}; project one of them");
-            return Err(InputError::Mismatch {
-                path: path.to_path_buf(),
-                what,
-            });
-        }
-        if placement.linear_unit.is_none() && placement.crs.is_none() {
-            placement.linear_unit = Some(heights.georef.linear_unit_metres);
-            placement.crs = heights.georef.crs.clone();
-        }
-        let georef = placement.georef().unwrap_or_else(|| Georef {
-            transform: heights
-                .georef
-                .transform
-                .resized((heights.width, heights.height), size),
-            ..heights.georef.clone()
-        });
-        let to_world = georef.to_world();
-        let to_pixel = to_world
-            .inverse()
-            .ok_or_else(|| InputError::georef(path, "the pixel size is zero"))?;
-        let ((image_min, image_max), (min, max)) = (to_world.bounds(size), heights.bounds());
+        let placement = placement.over(&ground, (heights.width, heights.height), size);
+        let cells = Cells::whole(raster.width, raster.height, raster.pixels);
+        Imagery::new(path, cells, Place::new(path, &placement, &frame)?, heights)
+    }
+
+    /// Reads the picture that belongs to `heights`. Pixels that equal a declared nodata value in all bands become
+    /// transparent (not in JPEG, which keeps no exact values).
+    pub(crate) fn read(
+        path: &Path,
+        placement: Placement,
+        heights: &HeightMap,
+        ground: &Placement,
+        frame: &Frame,
+        cache: &Arc<RasterCache>,
+    ) -> Result<Imagery, InputError> {
+        let code = placement
+            .nodata
+            .filter(|v| (0.0..=255.0).contains(v) && v.fract() == 0.0);
+        let cells = read_colors(path, code.map(|code| code as u8), cache)?;
+        let placement = placement.over(
+            ground,
+            (heights.width, heights.height),
+            (cells.width, cells.height),
+        );
+        Imagery::new(path, cells, Place::new(path, &placement, frame)?, heights)
+    }
+
+    fn new(path: &Path, cells: Cells, place: Place, heights: &HeightMap) -> Result<Imagery, InputError> {
+        let size = (cells.width, cells.height);
+        let ((image_min, image_max), (min, max)) = (place.bounds(size, heights.min_max()), heights.bounds());
         if image_min.cmpge(max).any() || image_max.cmple(min).any() {
             let what = format!(
                 "the image ({image_min:.1} to {image_max:.1} m) does not overlap the heights ({min:.1} to {max:.1} m)"
@@ -81,47 +91,39 @@ impl Imagery {
                 what,
             });
         }
-        if let Some(code) = placement
-            .nodata
-            .filter(|v| (0.0..=255.0).contains(v) && v.fract() == 0.0)
-            && file_start(path)?.get(..2) != Some(&[0xff, 0xd8])
-        {
-            let code = code as u8;
-            raster
-                .pixels
-                .iter_mut()
-                .filter(|p| p[..3] == [code; 3])
-                .for_each(|p| *p = [0; 4]);
-        }
         Ok(Imagery {
-            raster,
-            georef,
-            to_pixel,
+            cells,
+            place,
             linear: Box::new(*LINEAR),
         })
     }
 
-    /// Mean colour over the world rectangle from `(x0, y0)` to `(x1, y1)`, metres: premultiplied linear-light RGBA.
-    /// Where the rectangle reaches over the edge, the part inside counts. `None` outside the picture and where all of
-    /// it is transparent. In a rotated picture the pixels' box around the rectangle is used.
+    /// Mean colour over a box in pixel space, given by its middle and half of its sides: premultiplied linear-light
+    /// RGBA. Where the box reaches over the edge, the part inside counts. `None` outside the picture and where all of
+    /// it is transparent.
     #[inline]
-    pub fn color_at_area(&self, x0: f64, y0: f64, x1: f64, y1: f64) -> Option<[f32; 4]> {
-        let half = DVec2::new(x1 - x0, y1 - y0).abs() * 0.5;
-        let center = self.to_pixel.at(DVec2::new(x0 + x1, y0 + y1) * 0.5);
-        let half = self.to_pixel.column.abs() * half.x + self.to_pixel.row.abs() * half.y;
-        let (columns, wx) = Span::new(center.x, half.x, self.raster.width)?;
-        let (rows, wy) = Span::new(center.y, half.y, self.raster.height)?;
+    pub(crate) fn mean(&self, window: &Window, middle: [f64; 2], half: [f64; 2]) -> Option<[f32; 4]> {
+        let columns = Span::new(middle[0], half[0], window.size.0)?;
+        let rows = Span::new(middle[1], half[1], window.size.1)?;
+        self.mean_of(window, &columns, &rows)
+    }
+
+    #[inline]
+    pub(super) fn mean_of(&self, window: &Window, columns: &Span, rows: &Span) -> Option<[f32; 4]> {
+        if columns.pixels.len() == 1 && rows.pixels.len() == 1 {
+            let color = premultiplied(&self.linear, window.get(columns.pixels.start, rows.pixels.start)?);
+            return (color[3] > 0.0).then_some(color);
+        }
         let mut sum = [0.0f32; 4];
         let mut weight = 0.0f32;
-        for row in rows.clone() {
-            let start = row * self.raster.width as usize;
-            let pixels = self
-                .raster
+        for row in rows.pixels.clone() {
+            let row_weight = rows.weight(row);
+            for (column, pixel) in columns
                 .pixels
-                .get(start + columns.start..start + columns.end)?;
-            let row_weight = wy.weight(row);
-            for (column, pixel) in columns.clone().zip(pixels) {
-                let w = row_weight * wx.weight(column);
+                .clone()
+                .zip(window.row(row, columns.pixels.clone()))
+            {
+                let w = row_weight * columns.weight(column);
                 let color = premultiplied(&self.linear, *pixel);
                 for (total, channel) in sum.iter_mut().zip(color) {
                     *total += w * channel;
@@ -134,8 +136,9 @@ impl Imagery {
 }
 
 /// The part of one axis that a box covers, pixels.
-#[derive(Clone, Copy)]
-struct Span {
+#[derive(Clone, Debug)]
+pub(super) struct Span {
+    pub(super) pixels: Range<usize>,
     low: f64,
     high: f64,
 }
@@ -143,7 +146,7 @@ struct Span {
 impl Span {
     /// The pixels that a box of `half` around `center` touches; `None` if the box lies outside 0..`size` (or is NaN).
     #[inline]
-    fn new(center: f64, half: f64, size: u32) -> Option<(Range<usize>, Span)> {
+    pub(super) fn new(center: f64, half: f64, size: u32) -> Option<Span> {
         let size = f64::from(size);
         if !(center - half < size && center + half > 0.0) {
             return None;
@@ -151,14 +154,16 @@ impl Span {
         let half = half.max(0.5);
         // A box mostly outside still covers something of the first or last pixel.
         let center = center.clamp(0.5 - half + 1e-3, size - 0.5 + half - 1e-3);
-        let span = Span {
-            low: (center - half).max(0.0),
-            high: (center + half).min(size),
-        };
-        Some((
-            span.low as usize..(span.high.ceil() as usize).min(size as usize),
-            span,
-        ))
+        let (low, high) = ((center - half).max(0.0), (center + half).min(size));
+        let first = low as usize;
+        // The end, rounded up without a call: it is at least 0.
+        let last = high as usize;
+        let last = if high > last as f64 { last + 1 } else { last };
+        Some(Span {
+            pixels: first..last,
+            low,
+            high,
+        })
     }
 
     /// How much of pixel `index` is covered, 0..1.
@@ -206,7 +211,11 @@ pub fn ramp_color(height01: f32, up: f32) -> [f32; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::input::georef::{GeoTransform, Georef};
+    use crate::input::heights::HeightOptions;
+    use crate::input::layer::load_layer;
     use brickfell_formats::value::srgb_to_linear;
+    use glam::{DVec2, DVec3};
     use std::fs;
 
     fn flat_heights(width: u32, height: u32) -> HeightMap {
@@ -233,6 +242,15 @@ mod tests {
             pixels,
         };
         Imagery::place(Path::new("i"), raster, Placement::default(), heights).unwrap()
+    }
+
+    impl Imagery {
+        /// Over a rectangle of the world.
+        fn color_at_area(&self, x0: f64, y0: f64, x1: f64, y1: f64) -> Option<[f32; 4]> {
+            let [a, b] = [(x0, y0), (x1, y1)].map(|(x, y)| self.place.pixel(DVec3::new(x, y, 0.0)));
+            let (middle, half) = ((a + b) * 0.5, (b - a).abs() * 0.5);
+            self.mean(&self.cells.all().unwrap(), [middle.x, middle.y], [half.x, half.y])
+        }
     }
 
     const RED: [u8; 4] = [255, 0, 0, 255];
@@ -291,7 +309,11 @@ mod tests {
         let path = dir.path().join("i.png");
         image::RgbImage::new(2, 2).save(&path).unwrap();
         fs::write(dir.path().join("i.pgw"), "1\n0\n0\n-1\n1000\n1000\n").unwrap();
-        let message = Imagery::load(&path, &flat_heights(4, 4)).unwrap_err().to_string();
+        let heights = dir.path().join("h.png");
+        image::GrayImage::new(4, 4).save(&heights).unwrap();
+        fs::write(dir.path().join("h.pgw"), "1\n0\n0\n-1\n0.5\n3.5\n").unwrap();
+        let message = load_layer(&heights, Some(&path), HeightOptions::default());
+        let message = message.unwrap_err().to_string();
         assert!(
             message.contains("i.png") && message.contains("does not overlap"),
             "{message}"
@@ -299,7 +321,11 @@ mod tests {
         let mut heights = flat_heights(4, 4);
         heights.georef.crs = Some("EPSG:1".into());
         let placement = Placement {
-            crs: Some("EPSG:2".into()),
+            crs: Crs {
+                name: Some("EPSG:2".into()),
+                ..Crs::default()
+            },
+            transform: Some(GeoTransform::north_up(DVec2::ZERO, 1.0, 1)),
             ..Placement::default()
         };
         let raster = Raster {
@@ -323,8 +349,14 @@ mod tests {
             "<PAMDataset><PAMRasterBand band=\"1\"><NoDataValue>0</NoDataValue></PAMRasterBand></PAMDataset>",
         )
         .unwrap();
-        let image = Imagery::load(&path, &flat_heights(2, 1)).unwrap();
-        assert_eq!(image.raster.pixels, [[0; 4], [0, 9, 0, 255]]);
+        let heights = dir.path().join("h.png");
+        image::GrayImage::new(2, 1).save(&heights).unwrap();
+        let layer = load_layer(&heights, Some(&path), HeightOptions::default()).unwrap();
+        let imagery = layer.imagery.unwrap();
+        assert_eq!(
+            imagery.cells.all().unwrap().row(0, 0..2),
+            [[0; 4], [0, 9, 0, 255]]
+        );
     }
 
     #[test]

@@ -162,7 +162,7 @@ mod tests {
             <PAMRasterBand band="2"><Scale>9</Scale></PAMRasterBand>
           </PAMDataset>"#;
         let placement = read(Path::new("a.png.aux.xml"), text).unwrap();
-        assert_eq!(placement.crs.as_deref(), Some("EPSG:2992"));
+        assert_eq!(placement.crs.name.as_deref(), Some("EPSG:2992"));
         assert_eq!(placement.linear_unit, Some(0.3048));
         let transform = placement.transform.unwrap();
         assert_eq!(transform.at(DVec2::new(1.0, 1.0)), DVec2::new(1002.0, 498.0));

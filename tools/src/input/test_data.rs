@@ -26,23 +26,27 @@ pub(crate) enum TagValue {
 
 /// A little-endian TIFF of one strip (or one strip per plane when `strips` has several) with the given tags added.
 pub(crate) fn tiff(width: u32, height: u32, strips: &[&[u8]], tags: Vec<(u16, TagValue)>) -> Vec<u8> {
+    tiff_of(width, height, strips, tags, true)
+}
+
+fn tiff_of(width: u32, height: u32, parts: &[&[u8]], tags: Vec<(u16, TagValue)>, strips: bool) -> Vec<u8> {
     let mut file = vec![b'I', b'I', 42, 0, 0, 0, 0, 0];
     let mut offsets = Vec::new();
-    for strip in strips {
+    for part in parts {
         offsets.push(file.len() as u32);
-        file.extend_from_slice(strip);
+        file.extend_from_slice(part);
     }
     let mut all = vec![
         (256, TagValue::Long(vec![width])),
         (257, TagValue::Long(vec![height])),
         (259, TagValue::Short(vec![1])),
-        (273, TagValue::Long(offsets)),
-        (278, TagValue::Long(vec![height])),
-        (
-            279,
-            TagValue::Long(strips.iter().map(|s| s.len() as u32).collect()),
-        ),
     ];
+    if strips {
+        let counts = parts.iter().map(|s| s.len() as u32).collect();
+        all.push((273, TagValue::Long(offsets)));
+        all.push((278, TagValue::Long(vec![height])));
+        all.push((279, TagValue::Long(counts)));
+    }
     all.extend(tags);
     all.sort_by_key(|(tag, _)| *tag);
     let mut directory = (all.len() as u16).to_le_bytes().to_vec();
@@ -96,9 +100,40 @@ pub(crate) fn float_tiff(
     mut tags: Vec<(u16, TagValue)>,
 ) -> Vec<u8> {
     let bytes: Vec<u8> = samples.iter().flat_map(|s| s.to_le_bytes()).collect();
-    tags.push((258, TagValue::Short(vec![32])));
-    tags.push((262, TagValue::Short(vec![1])));
-    tags.push((277, TagValue::Short(vec![1])));
-    tags.push((339, TagValue::Short(vec![3])));
+    tags.extend(float_tags());
     tiff(width, height, &[&bytes], tags)
+}
+
+fn float_tags() -> [(u16, TagValue); 4] {
+    [(258, 32), (262, 1), (277, 1), (339, 3)].map(|(tag, value)| (tag, TagValue::Short(vec![value])))
+}
+
+/// A one-band 32-bit float TIFF in square tiles.
+pub(crate) fn tiled_float_tiff(
+    width: u32,
+    height: u32,
+    side: u32,
+    sample: impl Fn(u32, u32) -> f32,
+    mut tags: Vec<(u16, TagValue)>,
+) -> Vec<u8> {
+    let corners =
+        (0..height.div_ceil(side)).flat_map(|y| (0..width.div_ceil(side)).map(move |x| (x * side, y * side)));
+    let tiles: Vec<Vec<u8>> = corners
+        .map(|(x, y)| {
+            let places = (y..y + side).flat_map(|r| (x..x + side).map(move |c| (c, r)));
+            places
+                .flat_map(|(c, r)| sample(c.min(width - 1), r.min(height - 1)).to_le_bytes())
+                .collect()
+        })
+        .collect();
+    // Offsets: tiles are written one after the other behind the header of 8 bytes.
+    let bytes = side * side * 4;
+    let count = tiles.len() as u32;
+    tags.extend(float_tags());
+    tags.push((322, TagValue::Long(vec![side])));
+    tags.push((323, TagValue::Long(vec![side])));
+    tags.push((324, TagValue::Long((0..count).map(|k| 8 + k * bytes).collect())));
+    tags.push((325, TagValue::Long(vec![bytes; tiles.len()])));
+    let parts: Vec<&[u8]> = tiles.iter().map(Vec::as_slice).collect();
+    tiff_of(width, height, &parts, tags, false)
 }

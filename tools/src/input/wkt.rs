@@ -1,16 +1,16 @@
-//! Well-known text of coordinate systems (WKT 1 and 2): the name, the code and the units, nothing of the projection itself.
+//! Well-known text of coordinate systems (WKT 1 and 2): the name, the code and the units. The projection is read by [`crs`].
+
+use super::crs::{self, Crs};
 
 /// What the builder needs of a coordinate system.
 #[derive(Debug, Default, Clone, PartialEq)]
-pub(crate) struct Crs {
+pub(crate) struct System {
     /// `EPSG:code` where the text has one, else the name.
-    pub(crate) name: Option<String>,
+    pub(crate) crs: Crs,
     /// Metres per horizontal unit, where it is stated.
     pub(crate) linear_unit: Option<f64>,
     /// Metres per vertical unit, where it is stated.
     pub(crate) vertical_unit: Option<f64>,
-    /// Whether the coordinates are degrees (or another angle).
-    pub(crate) geographic: bool,
 }
 
 /// Deepest nesting that is read; real texts stay below ten.
@@ -30,7 +30,7 @@ struct Node {
 }
 
 /// Reads the text; `Err` says what is wrong with it.
-pub(crate) fn parse(text: &str) -> Result<Crs, String> {
+pub(crate) fn parse(text: &str) -> Result<System, String> {
     let mut parser = Parser { rest: text.trim() };
     let root = match parser.item(0)? {
         Item::Node(node) => node,
@@ -59,11 +59,14 @@ pub(crate) fn parse(text: &str) -> Result<Crs, String> {
             root.keyword
         ));
     };
-    Ok(Crs {
-        name: main.name(),
+    Ok(System {
+        crs: Crs {
+            name: main.name(),
+            definition: crs::definition(text.trim()),
+            geographic: projected.is_none(),
+        },
         linear_unit: projected.and_then(Node::unit),
         vertical_unit: vertical.and_then(Node::unit),
-        geographic: projected.is_none(),
     })
 }
 
@@ -201,8 +204,8 @@ mod tests {
             r#"PROJCS["Oregon ""x""",GEOGCS["g",UNIT["degree",0.0174],AUTHORITY["EPSG","4269"]],UNIT["foot",0.3048,AUTHORITY["EPSG","9002"]]]"#,
         )
         .unwrap();
-        assert_eq!(crs.name.as_deref(), Some("Oregon \"x\""));
-        assert_eq!((crs.linear_unit, crs.geographic), (Some(0.3048), false));
+        assert_eq!(crs.crs.name.as_deref(), Some("Oregon \"x\""));
+        assert_eq!((crs.linear_unit, crs.crs.geographic), (Some(0.3048), false));
     }
 
     #[test]
@@ -211,7 +214,7 @@ mod tests {
             r#"COMPOUNDCRS["c",PROJCRS["p",BASEGEOGCRS["b"],CS[Cartesian,2],AXIS["e",east,LENGTHUNIT["metre",1]],ID["EPSG",2056]],VERTCRS["v",LENGTHUNIT["US survey foot",0.3048006096]]]"#,
         )
         .unwrap();
-        assert_eq!(crs.name.as_deref(), Some("EPSG:2056"));
+        assert_eq!(crs.crs.name.as_deref(), Some("EPSG:2056"));
         assert_eq!(
             (crs.linear_unit, crs.vertical_unit),
             (Some(1.0), Some(0.3048006096))
@@ -223,6 +226,7 @@ mod tests {
         assert!(
             parse(r#"GEOGCS["WGS 84",UNIT["degree",0.0174]]"#)
                 .unwrap()
+                .crs
                 .geographic
         );
         assert!(parse(r#"PROJCS["a"#).is_err());

@@ -1,7 +1,8 @@
 //! The solid below height maps, in blocks of cells, and where rays enter it.
 //!
 //! *Cells* lie between the centres of neighbouring samples: cell (i, j) has the samples (i − 1, j − 1) to (i, j), and
-//! along the map's edges are half cells whose missing samples are those of the edge, as [`HeightMap::height_at`] has it.
+//! along the map's edges are half cells whose missing samples are those of the edge, as
+//! [`crate::input::HeightMap::height_at`] has it.
 //! *Cell coordinates* are pixel space + ½, so that cell i is the interval [i, i + 1). A cell with a nodata sample has no
 //! ground. Inside a cell the surface is a bilinear patch, its depth along a ray the root of a quadratic.
 //!
@@ -14,7 +15,8 @@ use glam::{DVec2, DVec3, dvec2};
 use rayon::prelude::*;
 
 use super::bottom::{Bottom, Floors};
-use crate::input::{HeightMap, Layer, Look};
+use crate::input::heights::Relief;
+use crate::input::{InputError, Layer, LayerView, Look};
 
 /// Cells of a block per axis, at most.
 const SIDE: usize = 16;
@@ -27,7 +29,7 @@ pub(super) type Cell = (usize, usize);
 
 /// All height maps.
 pub(super) struct Ground<'a> {
-    layers: &'a [Layer],
+    layers: Vec<LayerView<'a>>,
     blocks: Vec<Block>,
 }
 
@@ -53,14 +55,14 @@ struct Patch {
 impl Patch {
     /// `None` where there is no ground.
     #[inline]
-    fn new(map: &HeightMap, (i, j): Cell) -> Option<Self> {
+    fn new(map: &Relief, (i, j): Cell) -> Option<Self> {
         let (width, height) = (map.width as usize, map.height as usize);
         let sample = |i: usize, j: usize| {
             let (column, row) = (
                 i.saturating_sub(1).min(width - 1),
                 j.saturating_sub(1).min(height - 1),
             );
-            f64::from(map.data[row * width + column])
+            map.sample(column, row)
         };
         let [a, b, c, d] = [
             sample(i, j),
@@ -105,10 +107,11 @@ impl Patch {
 }
 
 impl<'a> Ground<'a> {
-    pub(super) fn new(layers: &'a [Layer], bottom: &Bottom) -> Self {
+    pub(super) fn new(layers: &'a [Layer], bottom: &Bottom) -> Result<Self, InputError> {
         let floors = Floors::new(bottom);
+        let layers = layers.iter().map(Layer::view).collect::<Result<Vec<_>, _>>()?;
         let blocks = layers.iter().enumerate().flat_map(|(layer, l)| {
-            let map = &l.map;
+            let map = &l.relief;
             let size = [map.width as usize + 1, map.height as usize + 1];
             // The world place of a cell's middle; cells along the edge are halves.
             let end = dvec2(f64::from(map.width), f64::from(map.height));
@@ -141,16 +144,14 @@ impl<'a> Ground<'a> {
                 .collect();
             blocks
         });
-        Self {
-            layers,
-            blocks: blocks.collect(),
-        }
+        let blocks = blocks.collect();
+        Ok(Self { layers, blocks })
     }
 
     /// Boxes of the blocks: least and greatest corner, world metres.
     pub(super) fn boxes(&self) -> impl ParallelIterator<Item = (DVec3, DVec3)> {
         self.blocks.par_iter().map(|block| {
-            let map = &self.layers[block.layer].map;
+            let map = &self.layers[block.layer].relief;
             let corner = |x: usize, y: usize| map.pixel_to_world(dvec2(x as f64, y as f64) - 0.5);
             let (x, y) = (&block.columns, &block.rows);
             let corners = [
@@ -168,7 +169,7 @@ impl<'a> Ground<'a> {
     /// Depth (at least 0, in lengths of `d`) at which a ray first is in the solid of a block, and the cell it is in.
     pub(super) fn meet(&self, block: usize, eye: DVec3, d: DVec3) -> Option<(f64, Cell)> {
         let block = self.blocks.get(block)?;
-        let map = &self.layers[block.layer].map;
+        let map = &self.layers[block.layer].relief;
         let start = map.world_to_pixel(eye.truncate()) + 0.5;
         let step = map.direction_to_pixel(d.truncate());
         // Cells along the edge of the map are half as wide.
@@ -232,7 +233,7 @@ impl<'a> Ground<'a> {
     /// Colour and normal of the ground over a point of the solid in a cell.
     pub(super) fn look(&self, block: usize, cell: Cell, point: DVec3) -> Look {
         let layer = &self.layers[self.blocks[block].layer];
-        let map = &layer.map;
+        let map = &layer.relief;
         let corner = dvec2(cell.0 as f64, cell.1 as f64) - 0.5;
         let at = (map.world_to_pixel(point.truncate()) - corner).clamp(DVec2::ZERO, DVec2::ONE);
         // A wall's colour is that of the ground at it, whatever side of the map's edge rounding puts the point on.
@@ -252,7 +253,7 @@ impl<'a> Ground<'a> {
         let normal = DVec3::new(-slope.x, -slope.y, 1.0).normalize().as_vec3();
         Look {
             alpha: 1.0,
-            rgb: layer.color(place, place, patch.height(at), normal.z),
+            rgb: layer.color(place.extend(patch.height(at)), normal.z),
             normal,
         }
     }

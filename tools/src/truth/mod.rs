@@ -37,7 +37,7 @@ use rayon::prelude::*;
 
 pub use bottom::Bottom;
 
-use crate::input::{Layer, Look, Mesh, Triangle};
+use crate::input::{InputError, Layer, Look, Mesh, Triangle};
 use crate::noise::Random;
 use boxes::Boxes;
 use ground::Ground;
@@ -50,8 +50,11 @@ const DARK: f64 = 1e-6;
 const MAX_RAYS_PER_AXIS: u32 = 1024;
 
 /// Why there is no truth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum TruthError {
+    /// A file can no longer be read.
+    #[error(transparent)]
+    Input(#[from] InputError),
     /// No mesh and no height map.
     #[error("there is no input to draw")]
     NoInput,
@@ -92,7 +95,7 @@ impl<'a> Truth<'a> {
             *next += mesh.triangles.len();
             Some(first)
         });
-        let ground = Ground::new(layers, bottom);
+        let ground = Ground::new(layers, bottom)?;
         let triangles = meshes.iter().map(|m| m.triangles.len()).sum();
         let boxes: Vec<(DVec3, DVec3)> = meshes
             .par_iter()

@@ -212,7 +212,9 @@ fn the_demo_is_written_and_sizes_that_cannot_be_are_refused() {
 #[test]
 fn help_names_every_command_and_wrong_usage_exits_with_2() {
     let help = brickfell(["--help"]);
-    for command in ["build", "fly", "render", "info", "check", "bench", "demo"] {
+    for command in [
+        "build", "fly", "render", "convert", "info", "check", "bench", "demo",
+    ] {
         assert!(help.success().contains(&format!("\n  {command} ")), "{command}");
         brickfell([command, "--help"]).success();
     }

@@ -12,6 +12,8 @@ mod build;
 mod check;
 mod common;
 mod compare;
+mod convert;
 mod fly;
 mod info;
 mod inputs;
+mod rasters;

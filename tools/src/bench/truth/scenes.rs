@@ -15,8 +15,8 @@ use super::super::Settings;
 use super::super::scenes::{build_demo, demo_input};
 use crate::build::{BuildArgs, DEFAULT_LAYOUT, Filter};
 use crate::commands::CommandError;
-use crate::input::Inputs;
 use crate::input::demo::DemoInput;
+use crate::input::{HeightOptions, Inputs, RasterCache};
 use crate::truth::Truth;
 
 /// The one at which settings are compared: there are finer levels to be had, and coarser ones.
@@ -134,7 +134,14 @@ impl Scene {
     fn built_in(name: &str, input: &DemoInput, folder: &Path, over: DVec2) -> Result<Self, CommandError> {
         let out = folder.join(format!("truth-{name}"));
         build_demo(input, &out, |_| {})?;
-        let inputs = Inputs::load(&input.meshes, &[input.layer()], input.up, None)?;
+        let cache = RasterCache::new(RasterCache::DEFAULT_BUDGET, std::env::temp_dir());
+        let inputs = Inputs::load(
+            &input.meshes,
+            &[input.layer()],
+            input.up,
+            HeightOptions::default(),
+            &cache,
+        )?;
         let mut scene = Self::new(name.into(), out, inputs, Some(input.clone()))?;
         scene.over = over;
         Ok(scene)

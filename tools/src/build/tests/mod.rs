@@ -3,6 +3,7 @@
 mod exact;
 mod filters;
 mod folder;
+mod ground;
 mod opacity;
 mod seams;
 
@@ -21,6 +22,7 @@ use brickfell_formats::{bricks, octree_binary};
 use super::lattice::Lattice;
 use super::nodes::node_cube;
 use super::*;
+use crate::input::Inputs;
 use crate::input::georef::Placement;
 use crate::input::{GeoTransform, Georef, HeightMap, Imagery, Material, Mesh, Raster, Texture, Triangle};
 

@@ -93,7 +93,7 @@ fn constants_expand_to_what_bricks_would_store() {
             let grids: Vec<_> = inputs
                 .layers
                 .iter()
-                .filter_map(|l| GroundGrid::new(l, &lattice, &support))
+                .filter_map(|l| GroundGrid::new(l, &lattice, &support).unwrap())
                 .collect();
             // Trees of this size are one tile each.
             let faces = bins.near(region.own.lo, &support).unwrap();

@@ -3,6 +3,7 @@
 //! Chunks are read in parallel; of each only the fingerprints of its seams are kept.
 
 use brickfell_formats::bricks::{BrickIndex, ChunkEntry, HEADER_BYTES, decode_header};
+use brickfell_formats::chunk::Chunk;
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::morton;
 use brickfell_pager::Store;
@@ -13,17 +14,17 @@ use super::seams::{Seam, disagreements, seams};
 use crate::commands::database::located;
 
 /// A level of a tree and the file that has its bricks.
-pub(super) struct Level<'a> {
+pub(crate) struct Level<'a> {
     /// Where to read.
-    pub(super) store: &'a dyn Store,
+    pub(crate) store: &'a dyn Store,
     /// Name of the brick file.
-    pub(super) file: String,
+    pub(crate) file: String,
     /// Level, 0 is the root.
-    pub(super) level: u8,
+    pub(crate) level: u8,
     /// The tree's sample layout.
-    pub(super) layout: SampleLayout,
+    pub(crate) layout: SampleLayout,
     /// Morton codes of the nodes with bricks, ascending.
-    pub(super) bricks: Vec<u64>,
+    pub(crate) bricks: Vec<u64>,
 }
 
 /// Checks a level: the number of chunks that decode, and the faults.
@@ -75,7 +76,10 @@ impl Level<'_> {
     }
 
     /// Header and directory, and that they belong to this level of this tree.
-    fn index(&self) -> Result<BrickIndex, String> {
+    ///
+    /// # Errors
+    /// One line: path, place, reason.
+    pub(crate) fn index(&self) -> Result<BrickIndex, String> {
         let len = self
             .store
             .len(&self.file)
@@ -125,20 +129,29 @@ impl Level<'_> {
         Ok(())
     }
 
-    fn chunk(&self, index: &BrickIndex, chunk: u32, bar: &ProgressBar) -> Result<Vec<Seam>, String> {
+    /// A chunk of the file and its entry.
+    ///
+    /// # Errors
+    /// One line: path, place, reason.
+    pub(crate) fn decode(&self, index: &BrickIndex, chunk: u32) -> Result<(ChunkEntry, Chunk), String> {
         let Some(entry) = index.chunks.get(chunk as usize) else {
             return Err(self.fault(format_args!("file: there is no chunk {chunk}")));
         };
         let bytes = self.read(entry.offset, u64::from(entry.length))?;
-        bar.inc(u64::from(entry.length));
         let decoded = index.decode_chunk(chunk, &bytes).map_err(|e| self.fault(e))?;
-        let corner = index.chunk_corner(entry);
+        Ok((*entry, decoded))
+    }
+
+    fn chunk(&self, index: &BrickIndex, chunk: u32, bar: &ProgressBar) -> Result<Vec<Seam>, String> {
+        let (entry, decoded) = self.decode(index, chunk)?;
+        bar.inc(u64::from(entry.length));
+        let corner = index.chunk_corner(&entry);
         Ok(seams(&decoded, corner, index.header.chunk_log2, &self.bricks))
     }
 }
 
 /// Morton codes, in the level, of the bricks of a chunk.
-fn codes(chunk: &ChunkEntry, chunk_log2: u8) -> impl Iterator<Item = u64> {
+pub(crate) fn codes(chunk: &ChunkEntry, chunk_log2: u8) -> impl Iterator<Item = u64> {
     let (mask, first) = (chunk.mask, chunk.morton << (3 * u32::from(chunk_log2)));
     (0..64u64)
         .filter(move |m| mask >> m & 1 == 1)

@@ -148,21 +148,17 @@ fn save(path: &Path, save: impl Fn(&Path) -> image::ImageResult<()>) -> Result<(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::input::{HeightOptions, Mesh, load_layer};
+    use crate::input::layer::load_layer;
+    use crate::input::{HeightOptions, Mesh};
 
     #[test]
     fn the_demo_loads_as_a_users_files_would() {
         let dir = tempfile::tempdir().unwrap();
         let demo = write_demo(dir.path(), 1, DEFAULT_SIZE).unwrap();
-        let (map, imagery) =
-            load_layer(&demo.heights, Some(&demo.imagery), HeightOptions::default()).unwrap();
+        let layer = load_layer(&demo.heights, Some(&demo.imagery), HeightOptions::default()).unwrap();
+        let map = &layer.map;
         assert_eq!(map.bounds(), (DVec2::ZERO, DVec2::splat(DEFAULT_SIZE)));
-        assert!(
-            imagery
-                .unwrap()
-                .color_at_area(100.0, 100.0, 101.0, 101.0)
-                .is_some()
-        );
+        assert!(layer.imagery.is_some());
         let (low, high) = map.min_max();
         assert!((55.0..90.0).contains(&(high - low)), "relief {low} to {high}");
 
@@ -170,10 +166,11 @@ mod tests {
         let relief = (0..16).map(|cell| {
             let corner = DVec2::new(f64::from(cell % 4), f64::from(cell / 4)) * 64.0;
             let heights = (0..128 * 128).filter_map(|i| {
-                map.height_at(
+                let height = map.height_at(
                     corner.x + f64::from(i % 128) * 0.5 + 0.25,
                     corner.y + f64::from(i / 128) * 0.5 + 0.25,
-                )
+                );
+                height.unwrap()
             });
             let (lo, hi) = heights.fold((f64::MAX, f64::MIN), |(lo, hi), h| (lo.min(h), hi.max(h)));
             hi - lo

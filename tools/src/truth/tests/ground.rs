@@ -42,7 +42,7 @@ fn bumpy_ground_is_met_first_where_a_fine_walk_meets_it() {
     let layers = [layer(37, DVec2::new(-18.0, -18.5), height)];
     let truth = Truth::new(&[], &layers, &Bottom::Level(-6.0)).unwrap();
     let inside = |p: DVec3| {
-        let height = layers[0].map.height_at(p.x, p.y);
+        let height = layers[0].map.height_at(p.x, p.y).unwrap();
         height.is_some_and(|h| p.z <= h && p.z >= -6.0)
     };
     let mut random = Random::new(4);
