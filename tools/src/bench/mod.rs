@@ -52,6 +52,8 @@ pub struct Suite {
     pub name: &'static str,
     /// What it measures, one line.
     pub about: &'static str,
+    /// Whether it draws, for which it needs a device.
+    pub draws: bool,
     /// Runs it.
     pub run: fn(&Settings<'_>) -> Result<Vec<Row>, CommandError>,
 }
@@ -61,31 +63,37 @@ pub const SUITES: &[Suite] = &[
     Suite {
         name: "builder",
         about: "speed, memory and size of builds",
+        draws: false,
         run: builder::rows,
     },
     Suite {
         name: "caster",
         about: "the GPU ray caster at its default setting",
+        draws: true,
         run: caster::default_rows,
     },
     Suite {
         name: "caster-variants",
         about: "what its settings cost, and the CPU reference",
+        draws: true,
         run: caster::variants,
     },
     Suite {
         name: "agreement",
         about: "the GPU's pictures against the CPU reference's",
+        draws: true,
         run: agreement::rows,
     },
     Suite {
         name: "filters",
         about: "error and memory of the builder's filters, against the truth",
+        draws: false,
         run: filters::rows,
     },
     Suite {
         name: "truth",
         about: "time against error: pictures against the truth from the input",
+        draws: true,
         run: truth::rows,
     },
 ];
@@ -101,8 +109,8 @@ pub(crate) fn row(value: impl Serialize) -> Result<Row, CommandError> {
     }
 }
 
-/// `bench.json`: the machine and the suites' rows.
-pub fn to_json(adapter: &str, suites: &[(String, Vec<Row>)]) -> Value {
+/// `bench.json`: the machine and the suites' rows. `adapter` is the device's name, if it was asked for.
+pub fn to_json(adapter: Option<&str>, suites: &[(String, Vec<Row>)]) -> Value {
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     let suites: Map<String, Value> = suites
         .iter()
@@ -199,7 +207,7 @@ mod tests {
             "suite,a,b,c\ns,1.5,\"x\"\"y\",\ns,22,\"z\",\nt,,\"w\",0.5\n"
         );
         assert_eq!(to_table(&rows), "    a    b\n1.500  x\"y\n   22    z\n");
-        assert_eq!(to_json("gpu", &suites)["suites"]["s"]["rows"][1]["a"], 22);
+        assert_eq!(to_json(Some("gpu"), &suites)["suites"]["s"]["rows"][1]["a"], 22);
         assert!(row(3).is_err());
     }
 }

@@ -7,7 +7,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec2, Vec3};
@@ -31,6 +31,9 @@ pub(crate) struct Binned {
     pub(crate) number: u64,
     pub(crate) face: Face,
 }
+
+/// Bytes of a spilled bin that are read at a time: far more than a face has.
+const PIECE: usize = 1 << 20;
 
 /// Faces of a column of tiles.
 #[derive(Debug, Default)]
@@ -190,9 +193,14 @@ impl Bins {
             return Ok(Vec::new());
         };
         let mut near = Vec::new();
+        // Gives the bytes after the last whole face.
         let mut collect = |bytes: &[u8]| {
             let mut reader = Reader(bytes);
-            while let Some(binned) = Binned::read(&mut reader) {
+            loop {
+                let rest = reader.0.len();
+                let Some(binned) = Binned::read(&mut reader) else {
+                    return rest;
+                };
                 let corners = binned.face.corners.map(|p| self.lattice.cells_of(p));
                 if !triangle_cells(&corners).intersection(area).is_empty() {
                     near.push(binned);
@@ -201,7 +209,17 @@ impl Bins {
         };
         if bin.spilled > 0 {
             let path = self.path(at);
-            collect(&fs::read(&path).map_err(BuildError::io(&path))?);
+            let mut file = File::open(&path).map_err(BuildError::io(&path))?;
+            let mut piece = Vec::with_capacity(PIECE);
+            while (&mut file)
+                .take((PIECE - piece.len()) as u64)
+                .read_to_end(&mut piece)
+                .map_err(BuildError::io(&path))?
+                > 0
+            {
+                let rest = collect(&piece);
+                piece.drain(..piece.len() - rest);
+            }
         }
         collect(&bin.held);
         Ok(near)

@@ -1,6 +1,6 @@
 //! Sparse storage of one level: blocks of 8³ samples on the global lattice, in columns.
 //!
-//! A block is empty (absent), deep solid (no samples kept) or dense. Columns keep the long run of solid under the ground
+//! A block is empty (absent), deep solid (no samples kept) or dense: whatever a level keeps of one. Columns keep the long run of solid under the ground
 //! as one range; a slot, where there is one, comes before the range.
 
 use std::ops::Range;
@@ -15,29 +15,29 @@ pub(crate) type Dense<T> = Box<[T; BLOCK]>;
 
 /// A stored block.
 #[derive(Debug)]
-pub(crate) enum Slot<T> {
+pub(crate) enum Slot<B> {
     Solid,
-    Dense(Dense<T>),
+    Dense(B),
 }
 
 /// A block as it is found.
 #[derive(Debug)]
-pub(crate) enum Block<'a, T> {
+pub(crate) enum Block<'a, B> {
     Empty,
     Solid,
-    Dense(&'a [T; BLOCK]),
+    Dense(&'a B),
 }
 
 /// Blocks above one another.
 #[derive(Debug)]
-pub(crate) struct BlockColumn<T> {
+pub(crate) struct BlockColumn<B> {
     /// Blocks of deep solid, where there is no slot.
     pub(crate) solid: Range<i64>,
     /// Further blocks by height, lowest first.
-    pub(crate) slots: Vec<(i64, Slot<T>)>,
+    pub(crate) slots: Vec<(i64, Slot<B>)>,
 }
 
-impl<T> Default for BlockColumn<T> {
+impl<B> Default for BlockColumn<B> {
     fn default() -> Self {
         Self {
             solid: 0..0,
@@ -46,10 +46,10 @@ impl<T> Default for BlockColumn<T> {
     }
 }
 
-impl<T> BlockColumn<T> {
+impl<B> BlockColumn<B> {
     /// The block at a height.
     #[inline]
-    pub(crate) fn get(&self, z: i64) -> Block<'_, T> {
+    pub(crate) fn get(&self, z: i64) -> Block<'_, B> {
         match self.slots.binary_search_by_key(&z, |s| s.0) {
             Ok(k) => match &self.slots[k].1 {
                 Slot::Solid => Block::Solid,
@@ -63,16 +63,16 @@ impl<T> BlockColumn<T> {
 
 /// The blocks of one level in a box.
 #[derive(Debug)]
-pub(crate) struct Blocks<T> {
+pub(crate) struct Blocks<B> {
     lo: [i64; 2],
     size: [i64; 2],
-    columns: Vec<BlockColumn<T>>,
-    outside: BlockColumn<T>,
+    columns: Vec<BlockColumn<B>>,
+    outside: BlockColumn<B>,
 }
 
-impl<T> Blocks<T> {
+impl<B> Blocks<B> {
     /// From columns in rows of x, over the x and y extent of a box given in blocks.
-    pub(crate) fn new(extent: &CellBox, columns: Vec<BlockColumn<T>>) -> Self {
+    pub(crate) fn new(extent: &CellBox, columns: Vec<BlockColumn<B>>) -> Self {
         let [x, y, _] = extent.lo;
         let size = [extent.hi[0] - x, extent.hi[1] - y];
         debug_assert_eq!(columns.len() as i64, size[0] * size[1]);
@@ -86,7 +86,7 @@ impl<T> Blocks<T> {
 
     /// The column at a block position; outside the box there is nothing.
     #[inline]
-    pub(crate) fn column(&self, x: i64, y: i64) -> &BlockColumn<T> {
+    pub(crate) fn column(&self, x: i64, y: i64) -> &BlockColumn<B> {
         let (i, j) = (x - self.lo[0], y - self.lo[1]);
         if i < 0 || j < 0 || i >= self.size[0] || j >= self.size[1] {
             return &self.outside;
@@ -94,6 +94,20 @@ impl<T> Blocks<T> {
         self.columns
             .get((j * self.size[0] + i) as usize)
             .unwrap_or(&self.outside)
+    }
+
+    /// The same to be changed, `None` outside the box.
+    pub(crate) fn column_mut(&mut self, x: i64, y: i64) -> Option<&mut BlockColumn<B>> {
+        let (i, j) = (x - self.lo[0], y - self.lo[1]);
+        let inside = (0..self.size[0]).contains(&i) && (0..self.size[1]).contains(&j);
+        inside
+            .then(|| self.columns.get_mut((j * self.size[0] + i) as usize))
+            .flatten()
+    }
+
+    /// All columns.
+    pub(crate) fn columns_mut(&mut self) -> &mut [BlockColumn<B>] {
+        &mut self.columns
     }
 
     /// Whether there is nothing in a box of blocks.

@@ -91,7 +91,7 @@ impl Met {
 }
 
 /// A column of blocks, and what their samples cover.
-type Column = (BlockColumn<Sample>, BlockColumn<Cover>);
+type Column = (BlockColumn<Dense<Sample>>, BlockColumn<Dense<Cover>>);
 
 /// Voxelises the finest level.
 pub(crate) fn voxelise(sources: &Sources) -> (Level, Met) {

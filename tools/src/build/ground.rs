@@ -252,6 +252,11 @@ impl Hints {
         }
     }
 
+    /// Whether there is no ground anywhere.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.looks.is_empty()
+    }
+
     /// Writes them.
     pub(crate) fn write(&self, out: &mut Writer) {
         out.put(&[self.lo, self.size]);

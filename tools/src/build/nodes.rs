@@ -135,7 +135,7 @@ pub(crate) fn level_nodes(
     let size = [0, 1].map(|k| ((own.hi[k] - own.lo[k]) / SIDE) as u32);
     let columns = (0..size[0] * size[1])
         .into_par_iter()
-        .map_init(Vec::new, |cube, k| {
+        .map(|k| {
             let at = UVec3::new(lo[0] + k % size[0], lo[1] + k / size[0], 0);
             let (base, n) = node_cube(lattice, place, level, at);
             let (mut known, solid) = near(texels, base, n, side);
@@ -151,14 +151,11 @@ pub(crate) fn level_nodes(
                 solid: 1.0,
                 ..Look::default()
             })
-            .texel(hint)
+            .stored(hint)
             .color;
             let states = known.into_iter().map(|z| {
-                if texels.mixed([base[0] + low, base[1] + low, base[2] + low + SIDE * i64::from(z)]) {
-                    return (z, State::Brick);
-                }
                 let base = [base[0], base[1], base[2] + SIDE * i64::from(z)];
-                let own = match texels.likeness(base, n, cube) {
+                let own = match texels.likeness(base, n) {
                     Likeness::Mixed => return (z, State::Brick),
                     Likeness::Equal(color) => State::Constant { color, deep: false },
                     Likeness::Deep => State::Constant { color, deep: true },

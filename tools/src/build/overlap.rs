@@ -186,12 +186,18 @@ pub(super) mod tests {
     fn check(triangle: [DVec3; 3]) {
         let lo = triangle.iter().fold(triangle[0], |m, p| m.min(*p)).floor() - 2.0;
         let hi = triangle.iter().fold(triangle[0], |m, p| m.max(*p)).ceil() + 2.0;
-        let clip = CellBox {
-            lo: lo.to_array().map(|v| v as i64),
-            hi: hi.to_array().map(|v| v as i64),
-        };
+        check_in(
+            triangle,
+            &CellBox {
+                lo: lo.to_array().map(|v| v as i64),
+                hi: hi.to_array().map(|v| v as i64),
+            },
+        );
+    }
+
+    fn check_in(triangle: [DVec3; 3], clip: &CellBox) {
         let mut met = BTreeSet::new();
-        for_each_cell(&triangle, &clip, |c| assert!(met.insert(c), "{c:?} twice"));
+        for_each_cell(&triangle, clip, |c| assert!(met.insert(c), "{c:?} twice"));
         for z in clip.lo[2]..clip.hi[2] {
             for y in clip.lo[1]..clip.hi[1] {
                 for x in clip.lo[0]..clip.hi[0] {
@@ -230,6 +236,15 @@ pub(super) mod tests {
             if (b - a).cross(c - a).length() > 0.0 {
                 check([a, b, c]);
             }
+        }
+
+        #[test]
+        fn huge_triangles_through_a_window(a in point(1e6), b in point(1e6), c in point(1e6), p in point(2.0),
+                                           s in 0.0..1.0f64, t in 0.0..1.0f64) {
+            prop_assume!((b - a).cross(c - a).length() > 1e9);
+            let (s, t) = if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) };
+            let middle = (a + (b - a) * s + (c - a) * t + p).floor().to_array().map(|v| v as i64);
+            check_in([a, b, c], &CellBox { lo: middle.map(|v| v - 6), hi: middle.map(|v| v + 6) });
         }
 
         #[test]

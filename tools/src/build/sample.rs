@@ -7,9 +7,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Value, linear_to_srgb, srgb_to_linear};
+use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Stored, Value, linear_to_srgb, srgb_to_linear};
 
 use super::ground::Hint;
+use super::texels::SurfaceLook;
 
 /// Full solid.
 pub(crate) const SOLID: u16 = u16::MAX;
@@ -106,99 +107,41 @@ impl Sample {
         ((skin + solid) / 255.0).min(1.0)
     }
 
-    /// What is stored. `hint` is for solid that no surface gives colour and normal.
-    pub(crate) fn texel(&self, hint: Hint) -> Texel {
-        let alpha = self.alpha(self.skin);
-        let (rgb, normal) = if self.weight > 0.0 {
-            (
-                self.rgb.map(|c| f32::from(c) / 65535.0),
-                self.normal.map(|c| f32::from(c) / NORMAL_ONE),
-            )
-        } else {
-            (hint.rgb, hint.normal)
-        };
-        let look = CodedLook::from(Hint { rgb, normal });
-        let Hint { rgb, normal } = look.decode();
-        let stored = Value { rgb, alpha, normal }.store(BUILD_GAIN);
-        let [x, y, z, _] = stored.normal;
-        Texel {
-            color: stored.color,
-            normal: [x, y, z],
-            look,
-            matter: match () {
-                () if self.is_deep() => Matter::Deep,
-                () if self.weight > 0.0 => Matter::Surface,
-                () => Matter::Hinted,
-            },
-        }
+    /// Whether a surface meets it.
+    pub(crate) fn is_surface(&self) -> bool {
+        self.weight > 0.0
     }
-}
 
-/// A sample as it is stored in a brick.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Texel {
-    /// Premultiplied colour and alpha (`formats::value`).
-    pub(crate) color: [u8; 4],
-    /// Mean normal × opacity.
-    pub(crate) normal: [i8; 3],
-    /// Colour and normal without the opacity.
-    pub(crate) look: CodedLook,
-    /// Where they are from.
-    pub(crate) matter: Matter,
-}
-
-/// A straight colour in sRGB and a normal of length up to 1, in bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct CodedLook {
-    rgb: [u8; 3],
-    normal: [i8; 3],
-}
-
-impl From<Hint> for CodedLook {
-    fn from(hint: Hint) -> Self {
-        Self {
-            rgb: hint.rgb.map(linear_to_srgb),
-            normal: hint.normal.map(|c| (c * 127.0).round() as i8),
-        }
-    }
-}
-
-impl CodedLook {
-    /// The values of the codes.
-    fn decode(self) -> Hint {
+    /// Colour (linear light) and normal of its surfaces.
+    fn look(&self) -> Hint {
         Hint {
-            rgb: self.rgb.map(srgb_to_linear),
-            normal: self.normal.map(|c| f32::from(c) / 127.0),
+            rgb: self.rgb.map(|c| f32::from(c) / 65535.0),
+            normal: self.normal.map(|c| f32::from(c) / NORMAL_ONE),
         }
     }
 
-    /// The mean of some looks, `None` of none.
-    pub(crate) fn mean(looks: impl Iterator<Item = CodedLook>) -> Option<Hint> {
-        let (mut sum, mut count) = (Hint::default(), 0.0);
-        for look in looks.map(CodedLook::decode) {
-            count += 1.0;
-            for k in 0..3 {
-                sum.rgb[k] += look.rgb[k];
-                sum.normal[k] += look.normal[k];
-            }
-        }
-        (count > 0.0).then(|| Hint {
-            rgb: sum.rgb.map(|c| c / count),
-            normal: sum.normal.map(|c| c / count),
-        })
+    /// What is stored. `hint` is for solid that no surface gives colour and normal.
+    pub(crate) fn stored(&self, hint: Hint) -> Stored {
+        let look = if self.is_surface() { self.look() } else { hint };
+        let alpha = self.alpha(self.skin);
+        let Hint { rgb, normal } = in_bytes(&look);
+        Value { rgb, alpha, normal }.store(BUILD_GAIN)
+    }
+
+    /// Colour and normal of its surfaces in steps of a byte, for means.
+    pub(crate) fn surface_look(&self) -> SurfaceLook {
+        let Hint { rgb, normal } = in_bytes(&self.look());
+        let ([r, g, b], [x, y, z]) = (rgb, normal);
+        [r, g, b, x, y, z, 0.0, 0.0]
     }
 }
 
-/// What a texel's colour and normal are.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Matter {
-    /// Those of the surfaces in it.
-    Surface,
-    /// Hints, if it is partly solid and no surface meets it; none, if it is empty.
-    #[default]
-    Hinted,
-    /// Hints: solid all through, met by no surface.
-    Deep,
+/// A look as codes of a byte tell it: sRGB, and parts of the normal in 127ths.
+fn in_bytes(look: &Hint) -> Hint {
+    Hint {
+        rgb: look.rgb.map(|c| srgb_to_linear(linear_to_srgb(c))),
+        normal: look.normal.map(|c| f32::from((c * 127.0).round() as i8) / 127.0),
+    }
 }
 
 /// A weighted mean of samples, weights adding up to 1.
@@ -271,11 +214,8 @@ mod tests {
             rgb: [0.5; 3],
             normal: [0.0, 0.0, 1.0],
         };
-        let deep = Sample::DEEP.texel(up);
-        assert_eq!(
-            (deep.color[3], deep.normal, deep.matter),
-            (SOLID_ALPHA, [0, 0, 127], Matter::Deep)
-        );
+        let deep = Sample::DEEP.stored(up);
+        assert_eq!((deep.color[3], deep.normal), (SOLID_ALPHA, [0, 0, 127, 0]));
         let skin = Look {
             skin: 2.0,
             weight: 1.0,
@@ -283,11 +223,8 @@ mod tests {
             normal: [0.0, 0.0, 1.0],
             solid: 0.0,
         };
-        let texel = Sample::new(&skin).texel(Hint::default());
-        assert_eq!(
-            (texel.color[3], texel.normal, texel.matter),
-            (SKIN_ALPHA, [0, 0, 127], Matter::Surface)
-        );
+        let texel = Sample::new(&skin).stored(Hint::default());
+        assert_eq!((texel.color[3], texel.normal), (SKIN_ALPHA, [0, 0, 127, 0]));
         let c = decode_color(texel.color);
         assert!((c[1] - 0.5).abs() < 0.01 && c[2] == 0.0);
     }
@@ -302,7 +239,7 @@ mod tests {
         };
         let mixed = [Sample::new(&red), Sample::DEEP, Sample::DEEP, Sample::DEEP];
         let all = mean(&std::array::from_fn(|k| mixed[k % 4]));
-        let texel = all.texel(Hint {
+        let texel = all.stored(Hint {
             rgb: [0.0, 1.0, 0.0],
             ..Hint::default()
         });

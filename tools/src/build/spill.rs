@@ -61,7 +61,7 @@ const DENSE: u8 = 2;
 
 /// Writes the blocks that meet a box of cells.
 pub(crate) fn write_blocks<T: Pod + Default + PartialEq>(
-    blocks: &Blocks<T>,
+    blocks: &Blocks<Dense<T>>,
     cells: &CellBox,
     out: &mut Writer,
 ) {
@@ -98,7 +98,7 @@ pub(crate) fn write_blocks<T: Pod + Default + PartialEq>(
 /// A column of blocks that is put together.
 struct Joined<T> {
     solid: std::ops::Range<i64>,
-    slots: BTreeMap<i64, Slot<T>>,
+    slots: BTreeMap<i64, Slot<Dense<T>>>,
 }
 
 /// Blocks over an extent (cells), of what was written of boxes of cells that do not meet. Each counts for its own cells only.
@@ -107,7 +107,7 @@ pub(crate) fn read_blocks<T: Pod + Default + PartialEq>(
     extent: &CellBox,
     parts: &mut [(CellBox, Reader)],
     deep: T,
-) -> Option<Blocks<T>> {
+) -> Option<Blocks<Dense<T>>> {
     let extent = extent.blocks();
     let width = extent.hi[0] - extent.lo[0];
     let count = width * (extent.hi[1] - extent.lo[1]);
@@ -181,7 +181,7 @@ impl<T: Copy + Default> Joined<T> {
     }
 
     /// Adds a block, as far as its cells lie in the box.
-    fn add(&mut self, z: i64, slot: Slot<T>, own: &CellBox, deep: T) {
+    fn add(&mut self, z: i64, slot: Slot<Dense<T>>, own: &CellBox, deep: T) {
         let cells = (SIDE * z).max(own.lo[2])..(SIDE * (z + 1)).min(own.hi[2]);
         if cells.end - cells.start == SIDE {
             self.slots.insert(z, slot);

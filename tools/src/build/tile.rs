@@ -21,7 +21,7 @@ use super::ground::{GroundGrid, Hints};
 use super::lattice::{CellBox, Lattice, Region, TreePlace};
 use super::nodes::{LevelNodes, NodeColumn, State, level_nodes, node_cube};
 use super::spill::{Reader, Writer};
-use super::texels::TexelLevel;
+use super::texels::{Cubes, TexelLevel};
 use super::tree::Terrain;
 
 /// Most levels that tiles make.
@@ -296,28 +296,24 @@ pub(crate) fn code_chunks(
     let code = |bricks: &[UVec3]| {
         let within = (1u32 << terrain.chunk_log2) - 1;
         let samples = bricks.len() * lattice.layout.samples();
-        let mut chunk = Chunk {
-            mask: 0,
-            layout: lattice.layout,
+        let mut cubes = Cubes {
             color: Vec::with_capacity(samples),
             normal: Vec::with_capacity(samples),
             opacity: Vec::new(),
         };
-        let (mut cube, mut opacities) = (Vec::new(), Vec::new());
+        let mut mask = 0;
         for brick in bricks {
-            chunk.mask |= 1 << morton::encode(*brick & within);
+            mask |= 1 << morton::encode(*brick & within);
             let (base, side) = node_cube(lattice, place, level, *brick);
-            texels.gather(base, side, &mut cube);
-            chunk.color.extend(cube.iter().map(|t| t.color));
-            chunk
-                .normal
-                .extend(cube.iter().map(|t| [t.normal[0], t.normal[1], t.normal[2], 0]));
-            if texels.gather_opacities(base, side, &mut opacities) {
-                chunk
-                    .opacity
-                    .extend(opacities.iter().map(|[x, y, z]| [*x, *y, *z, 0]));
-            }
+            texels.gather(base, side, &mut cubes);
         }
+        let chunk = Chunk {
+            mask,
+            layout: lattice.layout,
+            color: cubes.color,
+            normal: cubes.normal,
+            opacity: cubes.opacity,
+        };
         let payload = chunk
             .encode(terrain.encoding)
             .map_err(BuildError::format(Path::new(&lattice.tree_name(place))))?;

@@ -11,7 +11,7 @@ use std::sync::LazyLock;
 use bytemuck::{Pod, Zeroable};
 
 use super::step::{Parts, Rule};
-use crate::build::blocks::{Block, Blocks, in_block};
+use crate::build::blocks::{Block, Blocks, Dense, in_block};
 use crate::build::lattice::SIDE;
 use crate::build::sample::{SKIN_MAX, Sample};
 
@@ -79,7 +79,7 @@ fn shared_skin(own: u64, around: u64) -> f32 {
 /// What is to be stored of a level by what its samples cover.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Skins<'a> {
-    pub(super) covers: &'a Blocks<Cover>,
+    pub(super) covers: &'a Blocks<Dense<Cover>>,
     /// The level's voxels are known two beyond what is stored. Where they are not, as of the root, all pieces count as such of
     /// planes.
     pub(super) neighbours: bool,

@@ -14,7 +14,7 @@ use self::coverage::Coverage;
 pub(crate) use self::coverage::{Cover, Skins};
 pub(crate) use self::outline::{Outlines, thinned};
 use self::step::{Parts, Rule, coarser};
-use super::blocks::Blocks;
+use super::blocks::{Blocks, Dense};
 use super::lattice::CellBox;
 use super::sample::{SKIN_MAX, Sample};
 use super::spill::{Reader, Writer, read_blocks, write_blocks};
@@ -56,7 +56,7 @@ impl Filter {
 /// The samples of one level under construction, and what its filter keeps beside them.
 #[derive(Debug)]
 pub(crate) struct Level {
-    pub(crate) samples: Blocks<Sample>,
+    pub(crate) samples: Blocks<Dense<Sample>>,
     kept: Kept,
 }
 
@@ -64,8 +64,8 @@ pub(crate) struct Level {
 #[derive(Debug)]
 enum Kept {
     Nothing,
-    Means(Blocks<f32>),
-    Covers(Blocks<Cover>),
+    Means(Blocks<Dense<f32>>),
+    Covers(Blocks<Dense<Cover>>),
 }
 
 /// A level to be made: where, and from what.
@@ -80,7 +80,7 @@ pub(crate) struct Target {
 
 impl Level {
     /// The finest one, with what its samples cover if the filter asks for it.
-    pub(crate) fn finest(samples: Blocks<Sample>, covers: Option<Blocks<Cover>>) -> Self {
+    pub(crate) fn finest(samples: Blocks<Dense<Sample>>, covers: Option<Blocks<Dense<Cover>>>) -> Self {
         Self {
             samples,
             kept: covers.map_or(Kept::Nothing, Kept::Covers),

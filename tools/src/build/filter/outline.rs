@@ -14,20 +14,14 @@ const LINES: usize = 8;
 /// Triangles with a common side both have what is on it.
 const BAND: f64 = 1e-9;
 
-/// A side as a bound of u: `at + slope·v`.
-#[derive(Clone, Copy, Debug, Default)]
-struct Bound {
-    at: f64,
-    slope: f64,
-}
+/// Lower or upper bounds of u by two sides, `at + slope·v` each; one that is no bound is infinite, one alone is there twice.
+type Bounds = [(f64, f64); 2];
 
 /// A triangle seen along one axis: where its lines are, and how deep it lies there.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct View {
-    /// Of the sides, for u: lower ones and upper ones, and how many of each.
-    lower: [Bound; 3],
-    upper: [Bound; 3],
-    count: [usize; 2],
+    lower: Bounds,
+    upper: Bounds,
     /// Range of v.
     rows: [f64; 2],
     /// Depth over u and v.
@@ -36,6 +30,12 @@ struct View {
     dv: f64,
     inverse_du: f64,
 }
+
+/// Bits of a row from a line on, and up to the line before one.
+const FROM: [u8; 16] = [255, 254, 252, 248, 240, 224, 192, 128, 0, 0, 0, 0, 0, 0, 0, 0];
+const BEFORE: [u8; 16] = [
+    0, 1, 3, 7, 15, 31, 63, 127, 255, 255, 255, 255, 255, 255, 255, 255,
+];
 
 impl View {
     /// `None` if it is seen edge-on. Corners in (u, v, depth).
@@ -47,32 +47,38 @@ impl View {
         if area.abs() < 1e-12 {
             return None;
         }
-        let mut view = View {
-            rows: [a[1].min(b[1]).min(c[1]) - BAND, a[1].max(b[1]).max(c[1]) + BAND],
-            ..View::default()
-        };
+        let (mut lower, mut upper) = ([(f64::NEG_INFINITY, 0.0); 2], [(f64::INFINITY, 0.0); 2]);
+        let mut count = [0; 2];
         for (p, q) in [(b, c), (c, a), (a, b)] {
             // Weight of the third corner: its gradient, and its value (0) at p.
             let (gu, gv) = ((p[1] - q[1]) / area, (q[0] - p[0]) / area);
-            let bound = Bound {
-                at: p[0] + (gv * p[1] - BAND) / gu,
-                slope: -gv / gu,
-            };
-            if gu > 0.0 {
-                view.lower[view.count[0]] = bound;
-                view.count[0] += 1;
+            let bound = (p[0] + (gv * p[1] - BAND) / gu, -gv / gu);
+            let (bounds, count) = if gu > 0.0 {
+                (&mut lower, &mut count[0])
             } else if gu < 0.0 {
-                view.upper[view.count[1]] = bound;
-                view.count[1] += 1;
+                (&mut upper, &mut count[1])
+            } else {
+                continue;
+            };
+            bounds[usize::from(*count > 0)] = bound;
+            if *count == 0 {
+                bounds[1] = bound;
             }
+            *count += 1;
         }
         let (bu, bv, bd) = (b[0] - a[0], b[1] - a[1], b[2] - a[2]);
         let (cu, cv, cd) = (c[0] - a[0], c[1] - a[1], c[2] - a[2]);
-        view.du = (bd * cv - cd * bv) / area;
-        view.dv = (cd * bu - bd * cu) / area;
-        view.inverse_du = 1.0 / view.du;
-        view.at = a[2] - view.du * a[0] - view.dv * a[1];
-        Some(view)
+        let du = (bd * cv - cd * bv) / area;
+        let dv = (cd * bu - bd * cu) / area;
+        Some(View {
+            lower,
+            upper,
+            rows: [a[1].min(b[1]).min(c[1]) - BAND, a[1].max(b[1]).max(c[1]) + BAND],
+            at: a[2] - du * a[0] - dv * a[1],
+            du,
+            dv,
+            inverse_du: 1.0 / du,
+        })
     }
 
     /// The lines that stop in a cell, whose first corner is given; `shift` is where the first line stands in the cell.
@@ -80,32 +86,36 @@ impl View {
         const STEP: f64 = 1.0 / LINES as f64;
         let first = (self.rows[0] - cell[1]) * LINES as f64 - shift[1];
         let last = (self.rows[1] - cell[1]) * LINES as f64 - shift[1];
-        let (first, last) = (ceil_clamped(first), floor_clamped(last));
-        let mut mask = 0;
-        for row in first..=last {
-            let v = cell[1] + (f64::from(row) + shift[1]) * STEP;
-            let (mut from, mut to) = (cell[0], cell[0] + 1.0);
-            for bound in &self.lower[..self.count[0]] {
-                from = max(from, bound.at + bound.slope * v);
-            }
-            for bound in &self.upper[..self.count[1]] {
-                to = min(to, bound.at + bound.slope * v);
-            }
+        let (first, last) = (at_or_above(first), past(last));
+        if first >= last {
+            return 0;
+        }
+        // All rows at once, so that they are done side by side; those that do not count are cut off at the end.
+        let (mut starts, mut ends) = ([0; LINES], [0; LINES]);
+        for (row, (start, end)) in starts.iter_mut().zip(&mut ends).enumerate() {
+            let v = cell[1] + (row as f64 + shift[1]) * STEP;
+            let bound = |(at, slope): (f64, f64)| at + slope * v;
+            let mut from = max(max(cell[0], bound(self.lower[0])), bound(self.lower[1]));
+            let mut to = min(min(cell[0] + 1.0, bound(self.upper[0])), bound(self.upper[1]));
             // The part of the row that lies in the cell; where depth does not change along it, all or nothing.
             let depth = self.at + self.dv * v - cell[2];
-            if self.du == 0.0 {
-                if !(0.0..1.0).contains(&depth) {
-                    continue;
-                }
+            let (near, far) = (-depth * self.inverse_du, (1.0 - depth) * self.inverse_du);
+            let (near, far) = if self.du != 0.0 {
+                (min(near, far), max(near, far))
+            } else if (0.0..1.0).contains(&depth) {
+                (f64::NEG_INFINITY, f64::INFINITY)
             } else {
-                let (a, b) = (-depth * self.inverse_du, (1.0 - depth) * self.inverse_du);
-                (from, to) = (max(from, min(a, b)), min(to, max(a, b)));
-            }
+                (f64::INFINITY, f64::NEG_INFINITY)
+            };
+            (from, to) = (max(from, near), min(to, far));
             let lines = |u: f64| (u - cell[0]) * LINES as f64 - shift[0];
-            let (from, to) = (ceil_clamped(lines(from)), floor_clamped(lines(to)));
-            if from <= to {
-                mask |= ((1u64 << (to - from + 1)) - 1) << (LINES as i32 * row + from);
-            }
+            *start = at_or_above(lines(from));
+            *end = past(lines(to));
+        }
+        let mut mask = 0;
+        for row in first..last {
+            let bits = FROM[starts[row]] & BEFORE[ends[row]];
+            mask |= u64::from(bits) << (LINES * row);
         }
         mask
     }
@@ -123,18 +133,30 @@ fn min(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
-/// The first line at or above a place in lines, at least 0.
+/// Added, it leaves the nearest whole number of a small one in the last bits, without a conversion that would keep rows from
+/// being done side by side.
+const ROUND: f64 = 6_755_399_441_055_744.0;
+
+/// The last bits of a whole number in 0..16.
 #[inline]
-fn ceil_clamped(x: f64) -> i32 {
-    let x = min(max(x, 0.0), LINES as f64);
-    let whole = x as i32;
-    whole + i32::from(f64::from(whole) < x)
+fn whole(x: f64) -> usize {
+    ((x + ROUND).to_bits() & 15) as usize
 }
 
-/// The last line at or below a place in lines, -1 if there is none.
+/// The first line at or above a place in lines, at most [`LINES`].
 #[inline]
-fn floor_clamped(x: f64) -> i32 {
-    (min(max(x, -1.0), (LINES - 1) as f64) + 1.0) as i32 - 1
+fn at_or_above(x: f64) -> usize {
+    let x = min(max(x, 0.0), LINES as f64);
+    let near = (x + ROUND) - ROUND;
+    whole(if near < x { near + 1.0 } else { near })
+}
+
+/// The line after the last one at or below a place in lines, at most [`LINES`].
+#[inline]
+fn past(x: f64) -> usize {
+    let x = min(max(x, -1.0), (LINES - 1) as f64) + 1.0;
+    let near = (x + ROUND) - ROUND;
+    whole(if near > x { near - 1.0 } else { near })
 }
 
 /// A triangle ready for its outlines in cells. Corners are given from a corner of the lattice, `base`.

@@ -8,7 +8,9 @@ use rayon::prelude::*;
 use brickfell_formats::layout::SampleLayout;
 
 use super::Target;
-use crate::build::blocks::{Block, BlockColumn, Blocks, Slot, block_columns, in_block, new_dense};
+use crate::build::blocks::{
+    BLOCK, Block, BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense,
+};
 use crate::build::lattice::{CellBox, SIDE};
 use crate::build::sample::{Mean, Sample};
 
@@ -76,22 +78,22 @@ fn taps(layout: SampleLayout) -> (i64, &'static [f32]) {
 type Buffers<K> = (Vec<Sample>, Vec<K>);
 
 /// A block and what is kept of it, if anything.
-type SlotPair<K> = (Slot<Sample>, Option<Slot<K>>);
+type SlotPair<K> = (Slot<Dense<Sample>>, Option<Slot<Dense<K>>>);
 
 /// The finer level: its samples, and what is kept of them unless it is the finest.
 struct Fine<'a, R: Rule> {
     rule: &'a R,
-    samples: &'a Blocks<Sample>,
-    kept: Option<&'a Blocks<R::Kept>>,
+    samples: &'a Blocks<Dense<Sample>>,
+    kept: Option<&'a Blocks<Dense<R::Kept>>>,
 }
 
 /// The coarser level.
 pub(super) fn coarser<R: Rule>(
     rule: &R,
-    samples: &Blocks<Sample>,
-    kept: Option<&Blocks<R::Kept>>,
+    samples: &Blocks<Dense<Sample>>,
+    kept: Option<&Blocks<Dense<R::Kept>>>,
     target: &Target,
-) -> (Blocks<Sample>, Blocks<R::Kept>) {
+) -> (Blocks<Dense<Sample>>, Blocks<Dense<R::Kept>>) {
     let fine = Fine { rule, samples, kept };
     let extent = target.cells.blocks();
     let (samples, kept) = block_columns(&extent)
@@ -111,7 +113,7 @@ impl<R: Rule> Fine<'_, R> {
         y: i64,
         extent: &CellBox,
         buffers: &mut Buffers<R::Kept>,
-    ) -> (BlockColumn<Sample>, BlockColumn<R::Kept>) {
+    ) -> (BlockColumn<Dense<Sample>>, BlockColumn<Dense<R::Kept>>) {
         let fine = self.samples;
         let first = taps(target.layout).0;
         let mut solid: Option<(i64, i64)> = None;
@@ -186,64 +188,142 @@ impl<R: Rule> Fine<'_, R> {
         (samples, kept): &mut Buffers<R::Kept>,
     ) -> Option<SlotPair<R::Kept>> {
         let (first, weights) = taps(target.layout);
-        let base = at.map(|b| 2 * SIDE * b + first);
-        let n = 2 * SIDE - first;
-        read(self.samples, base, n, Sample::DEEP, samples);
-        match self.kept {
-            Some(blocks) => read(blocks, base, n, R::Kept::default(), kept),
-            None => {
-                kept.clear();
-                kept.extend(samples.iter().map(|sample| self.rule.finest(sample)));
+        let mut made = Made {
+            target,
+            at,
+            weights,
+            samples: new_dense(),
+            kept: new_dense(),
+            filled: 0,
+            deep: 0,
+            keeps: false,
+        };
+        if first == 0 {
+            // What a sample is made of lies in one finer block: no need to put cubes together.
+            for octant in 0..8 {
+                self.octant(&mut made, [octant & 1, octant >> 1 & 1, octant >> 2], kept);
             }
-        }
-        let mut dense = new_dense::<Sample>();
-        let mut beside = new_dense::<R::Kept>();
-        let (mut empty, mut deep, mut keeps) = (true, true, false);
-        for z in 0..SIDE {
-            for y in 0..SIDE {
-                for x in 0..SIDE {
-                    let corner = ((2 * z * n + 2 * y) * n + 2 * x) as usize;
-                    let mut mean = Mean::default();
-                    for (dz, wz) in weights.iter().enumerate() {
-                        for (dy, wy) in weights.iter().enumerate() {
-                            let row = corner + (dz * n as usize + dy) * n as usize;
-                            for (s, wx) in samples[row..].iter().zip(weights) {
-                                mean.add(s, wx * wy * wz);
-                            }
-                        }
-                    }
-                    let place = in_block(x, y, z);
-                    let (skin, keep) = if mean.weight() > 0.0 {
-                        let parts = Parts {
-                            kept: &kept[corner..],
-                            side: n as usize,
-                            weights,
-                            cell: [SIDE * at[0] + x, SIDE * at[1] + y, SIDE * at[2] + z],
-                            mip: target.mip,
-                        };
-                        self.rule.up(mean.skin(), &parts)
-                    } else {
-                        Default::default()
-                    };
-                    let sample = mean.sample(skin);
-                    empty &= sample.is_empty();
-                    deep &= sample.is_deep();
-                    keeps |= keep != R::Kept::default();
-                    dense[place] = sample;
-                    beside[place] = keep;
+        } else {
+            let base = at.map(|b| 2 * SIDE * b + first);
+            let n = 2 * SIDE - first;
+            read(self.samples, base, n, Sample::DEEP, samples);
+            match self.kept {
+                Some(blocks) => read(blocks, base, n, R::Kept::default(), kept),
+                None => {
+                    kept.clear();
+                    kept.extend(samples.iter().map(|sample| self.rule.finest(sample)));
                 }
             }
+            made.add::<R, 3>(self.rule, samples, kept, n as usize, [0; 3], SIDE);
         }
-        match (empty, deep) {
-            (true, _) => None,
-            (_, true) => Some((Slot::Solid, None)),
-            _ => Some((Slot::Dense(dense), keeps.then_some(Slot::Dense(beside)))),
+        match (made.filled, made.deep) {
+            (0, _) => None,
+            (_, BLOCK) => Some((Slot::Solid, None)),
+            _ => Some((
+                Slot::Dense(made.samples),
+                made.keeps.then_some(Slot::Dense(made.kept)),
+            )),
+        }
+    }
+
+    /// The eighth of a block that lies over one finer block.
+    fn octant(&self, made: &mut Made<R::Kept>, octant: [i64; 3], buffer: &mut Vec<R::Kept>) {
+        const HALF: i64 = SIDE / 2;
+        let [x, y, z]: [i64; 3] = std::array::from_fn(|k| 2 * made.at[k] + octant[k]);
+        let first = octant.map(|o| HALF * o);
+        let samples = match self.samples.column(x, y).get(z) {
+            Block::Empty => return,
+            Block::Solid => {
+                for place in (0..HALF * HALF * HALF).map(|k| [k % HALF, k / HALF % HALF, k / HALF / HALF]) {
+                    let [x, y, z]: [i64; 3] = std::array::from_fn(|k| first[k] + place[k]);
+                    made.samples[in_block(x, y, z)] = Sample::DEEP;
+                }
+                made.filled += (HALF * HALF * HALF) as usize;
+                made.deep += (HALF * HALF * HALF) as usize;
+                return;
+            }
+            Block::Dense(samples) => samples,
+        };
+        let kept = match self.kept.map(|kept| kept.column(x, y).get(z)) {
+            Some(Block::Dense(kept)) => &kept[..],
+            Some(_) => {
+                buffer.clear();
+                buffer.resize(BLOCK, R::Kept::default());
+                buffer
+            }
+            None => {
+                buffer.clear();
+                buffer.extend(samples.iter().map(|sample| self.rule.finest(sample)));
+                buffer
+            }
+        };
+        made.add::<R, 2>(self.rule, &samples[..], kept, SIDE as usize, first, HALF);
+    }
+}
+
+/// A coarse block under construction.
+struct Made<'a, K> {
+    target: &'a Target,
+    at: [i64; 3],
+    weights: &'static [f32],
+    samples: Dense<Sample>,
+    kept: Dense<K>,
+    /// Cells that are not empty, and those that are deep solid.
+    filled: usize,
+    deep: usize,
+    keeps: bool,
+}
+
+impl<K: Copy + Default + PartialEq> Made<'_, K> {
+    /// Makes a cube of samples from `first` on out of `N`³ finer ones each, which are in rows of `side` and begin where it does.
+    fn add<R: Rule<Kept = K>, const N: usize>(
+        &mut self,
+        rule: &R,
+        samples: &[Sample],
+        kept: &[K],
+        side: usize,
+        first: [i64; 3],
+        count: i64,
+    ) {
+        let share: [f32; N] = std::array::from_fn(|k| self.weights[k]);
+        for [x, y, z] in (0..count * count * count).map(|k| [k % count, k / count % count, k / count / count])
+        {
+            let corner = ((2 * z) as usize * side + (2 * y) as usize) * side + (2 * x) as usize;
+            let row = |k: usize| &samples[corner + (k / N * side + k % N) * side..][..N];
+            if (0..N * N).all(|k| row(k).iter().all(Sample::is_empty)) {
+                continue;
+            }
+            let mut mean = Mean::default();
+            for k in 0..N * N {
+                for (s, wx) in row(k).iter().zip(share) {
+                    mean.add(s, wx * share[k % N] * share[k / N]);
+                }
+            }
+            let cell = [first[0] + x, first[1] + y, first[2] + z];
+            let (skin, keep) = if mean.weight() > 0.0 {
+                let parts = Parts {
+                    kept: &kept[corner..],
+                    side,
+                    weights: self.weights,
+                    cell: std::array::from_fn(|k| SIDE * self.at[k] + cell[k]),
+                    mip: self.target.mip,
+                };
+                rule.up(mean.skin(), &parts)
+            } else {
+                Default::default()
+            };
+            let sample = mean.sample(skin);
+            self.filled += usize::from(!sample.is_empty());
+            self.deep += usize::from(sample.is_deep());
+            self.keeps |= keep != K::default();
+            let place = in_block(cell[0], cell[1], cell[2]);
+            (self.samples[place], self.kept[place]) = (sample, keep);
         }
     }
 }
 
 /// Copies a cube of `n`³ samples from `base` on; `solid` is what solid blocks hold.
-fn read<T: Copy + Default>(fine: &Blocks<T>, base: [i64; 3], n: i64, solid: T, buffer: &mut Vec<T>) {
+fn read<T: Copy + Default>(fine: &Blocks<Dense<T>>, base: [i64; 3], n: i64, solid: T, buffer: &mut Vec<T>) {
     buffer.clear();
     buffer.resize((n * n * n) as usize, T::default());
     let blocks = CellBox {

@@ -5,7 +5,7 @@ use super::super::finest::{Sources, voxelise};
 use super::super::ground::{GroundGrid, Hints};
 use super::super::lattice::TreePlace;
 use super::super::plan::Plan;
-use super::super::texels::TexelLevel;
+use super::super::texels::{Cubes, TexelLevel};
 use super::*;
 
 const VOXEL: f64 = 0.225;
@@ -121,12 +121,12 @@ fn constants_expand_to_what_bricks_would_store() {
                     area,
                     &region.support(mip),
                 );
-                let (mut cube, side) = (Vec::new(), area.hi[0] - area.lo[0]);
-                texels.gather(area.lo, side, &mut cube);
-                let mut opacities = Vec::new();
-                texels.gather_opacities(area.lo, side, &mut opacities);
-                for (k, t) in cube.iter().enumerate() {
-                    let axes = opacities.get(k).copied().unwrap_or([t.color[3]; 3]);
+                let (mut cubes, side) = (Cubes::default(), area.hi[0] - area.lo[0]);
+                texels.gather(area.lo, side, &mut cubes);
+                for (k, (color, normal)) in cubes.color.iter().zip(&cubes.normal).enumerate() {
+                    let [x, y, z, _] = cubes.opacity.get(k).copied().unwrap_or([color[3]; 4]);
+                    let [nx, ny, nz, _] = *normal;
+                    let made = (*color, [nx, ny, nz], [x, y, z]);
                     let k = k as i64;
                     let cell = [
                         area.lo[0] + k % side,
@@ -134,10 +134,7 @@ fn constants_expand_to_what_bricks_would_store() {
                         area.lo[2] + k / side / side,
                     ];
                     let stored = db.at(mip, cell);
-                    assert!(
-                        same(stored, (t.color, t.normal, axes)),
-                        "mip {mip} {cell:?}: {stored:?} {t:?}"
-                    );
+                    assert!(same(stored, made), "mip {mip} {cell:?}: {stored:?} {made:?}");
                 }
             }
         }
