@@ -23,7 +23,7 @@ pub enum Encoding {
     /// Column differences as they are.
     Plain = 0,
     /// By what is expected of each sample.
-    Packed = 2,
+    Packed = 3,
 }
 
 impl Encoding {
@@ -31,7 +31,7 @@ impl Encoding {
     pub fn from_code(code: u8) -> Option<Self> {
         match code {
             0 => Some(Self::Plain),
-            2 => Some(Self::Packed),
+            3 => Some(Self::Packed),
             _ => None,
         }
     }
@@ -253,6 +253,13 @@ impl Chunk {
             agree &= grid.set(at, self.color[sample], self.normal[sample], opacity);
         });
         agree.then(|| pack::encode(&mut grid))
+    }
+
+    /// Bytes that decoding takes beside the payload, at most: the samples, and what a packed payload is decoded into.
+    pub fn decoding_memory(mask: u64, layout: SampleLayout, layers: Layers) -> usize {
+        let samples = mask.count_ones() as usize * layout.samples();
+        let region = Region::new(mask, layout);
+        samples * layers.sample_bytes() + size_of::<Self>() + pack::decoding_memory(region.size)
     }
 
     /// Decodes a payload whose checksum has been verified.
