@@ -255,13 +255,6 @@ impl Chunk {
         agree.then(|| pack::encode(&mut grid))
     }
 
-    /// Bytes that decoding takes beside the payload, at most: the samples, and what a packed payload is decoded into.
-    pub fn decoding_memory(mask: u64, layout: SampleLayout, layers: Layers) -> usize {
-        let samples = mask.count_ones() as usize * layout.samples();
-        let region = Region::new(mask, layout);
-        samples * layers.sample_bytes() + size_of::<Self>() + pack::decoding_memory(region.size)
-    }
-
     /// Decodes a payload whose checksum has been verified.
     ///
     /// # Errors

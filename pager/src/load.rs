@@ -223,8 +223,9 @@ pub(crate) fn level_estimate(nodes: u64) -> u64 {
     level_memory(2 * nodes, 0) + octree_binary::TILE_BYTES
 }
 
-/// Bytes that loading a chunk takes: the payload, and the samples and what else a decoder holds.
+/// Bytes that loading a chunk takes: the payload and the decoded samples. What a decoder works with beside them, up to 1.3 MiB, is
+/// the loader's while it decodes, so it does not grow with the requests under way.
 pub(crate) fn chunk_estimate(chunk: &ChunkEntry, header: &BrickHeader) -> u64 {
-    let decoding = Chunk::decoding_memory(chunk.mask, header.layout, header.layers);
-    u64::from(chunk.length) + decoding as u64
+    let samples = chunk.mask.count_ones() as usize * header.layout.samples();
+    u64::from(chunk.length) + (samples * header.layers.sample_bytes() + size_of::<Chunk>()) as u64
 }

@@ -53,12 +53,6 @@ impl Grid {
         }
     }
 
-    /// Bytes of such a box.
-    pub(super) fn memory(size: UVec3) -> usize {
-        let samples: usize = (0..3).map(|k| size[k] as usize + 2 * PAD[k]).product();
-        samples * (size_of::<[u8; 6]>() + 2 * size_of::<Look>())
-    }
-
     /// Index of the sample at x, y and so many samples below the top.
     pub(crate) fn index(&self, [x, y, down]: [usize; 3]) -> usize {
         (x + PAD[0]) * self.step[0] + (y + PAD[1]) * self.step[1] + down + PAD[2]

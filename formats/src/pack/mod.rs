@@ -19,7 +19,6 @@ mod opacity;
 mod tables;
 
 use coder::{Coder, Decoder, Encoder};
-use glam::UVec3;
 use grid::PARTIAL;
 use looks::Looks;
 use opacity::{Classes, Opacities};
@@ -48,14 +47,6 @@ pub(crate) fn decode(bytes: &[u8], grid: &mut Grid) -> Result<(), FormatError> {
     Err(FormatError::file(
         "packed samples do not end where the payload does",
     ))
-}
-
-/// Bytes of all models, rounded up.
-const MODELS: usize = 1 << 18;
-
-/// Bytes that decoding a box of so many samples per axis takes.
-pub(crate) fn decoding_memory(size: UVec3) -> usize {
-    Grid::memory(size) + MODELS
 }
 
 /// Codes all samples; gives up when bytes run out.
