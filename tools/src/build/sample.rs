@@ -7,7 +7,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Value, linear_to_srgb, srgb_to_linear};
+use brickfell_formats::value::{
+    BUILD_GAIN, SOLID_ALPHA, Value, linear_to_srgb, opacity_level, opacity_of_level, srgb_to_linear,
+};
 
 use super::ground::Hint;
 
@@ -96,19 +98,20 @@ impl Sample {
 
     /// What is stored of its opacity if that against each axis is told apart.
     pub(crate) fn opacities(&self, skins: [f32; 3]) -> [u8; 3] {
-        skins.map(|skin| (self.alpha(code(skin.min(SKIN_MAX), SKIN_ONE)) * 255.0 + 0.5) as u8)
+        skins.map(|skin| self.alpha(code(skin.min(SKIN_MAX), SKIN_ONE)))
     }
 
-    /// The alpha to be stored with a skin.
-    fn alpha(&self, skin: u16) -> f32 {
+    /// The alpha to be stored with a skin: in steps of which nobody sees that they are not finer, as noise in them is a tenth of a file
+    /// of a mesh.
+    fn alpha(&self, skin: u16) -> u8 {
         let skin = f32::from(skin) * (127.5 / SKIN_ONE);
         let solid = f32::from(self.solid) * (f32::from(SOLID_ALPHA) / f32::from(SOLID));
-        ((skin + solid) / 255.0).min(1.0)
+        opacity_of_level(opacity_level((skin + solid + 0.5) as u8))
     }
 
     /// What is stored. `hint` is for solid that no surface gives colour and normal.
     pub(crate) fn texel(&self, hint: Hint) -> Texel {
-        let alpha = self.alpha(self.skin);
+        let alpha = f32::from(self.alpha(self.skin)) / 255.0;
         let (rgb, normal) = if self.weight > 0.0 {
             (
                 self.rgb.map(|c| f32::from(c) / 65535.0),
