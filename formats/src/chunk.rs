@@ -23,7 +23,7 @@ pub enum Encoding {
     /// Column differences as they are.
     Plain = 0,
     /// By what is expected of each sample.
-    Packed = 2,
+    Packed = 3,
 }
 
 impl Encoding {
@@ -31,7 +31,7 @@ impl Encoding {
     pub fn from_code(code: u8) -> Option<Self> {
         match code {
             0 => Some(Self::Plain),
-            2 => Some(Self::Packed),
+            3 => Some(Self::Packed),
             _ => None,
         }
     }

@@ -20,6 +20,54 @@ pub const BUILD_GAIN: u8 = 2;
 /// Stored alpha of solid ground under [`BUILD_GAIN`]: opaque with a margin of some rounding steps of a texture unit.
 pub const SOLID_ALPHA: u8 = 132;
 
+/// Opacities that builders keep to: up to solid in steps of [`OPACITY_STEP`], beyond it in [`SKIN_STEPS`] to [`SKIN_ALPHA`], where
+/// only the interpolation with emptier samples tells them apart.
+static OPACITIES: [u8; 64] = {
+    let mut levels = [SKIN_ALPHA; 64];
+    let mut k = 0;
+    while k < SOLID_LEVEL + SKIN_STEPS {
+        levels[k] = if k <= SOLID_LEVEL {
+            k as u8 * OPACITY_STEP
+        } else {
+            SOLID_ALPHA + ((SKIN_ALPHA - SOLID_ALPHA) as usize * (k - SOLID_LEVEL) / SKIN_STEPS) as u8
+        };
+        k += 1;
+    }
+    levels
+};
+const OPACITY_STEP: u8 = 4;
+const SOLID_LEVEL: usize = (SOLID_ALPHA / OPACITY_STEP) as usize;
+const SKIN_STEPS: usize = 12;
+
+static OPACITY_LEVELS: [u8; 256] = {
+    let mut levels = [0; 256];
+    let mut level = 0;
+    let mut v = 1;
+    while v < 256 {
+        while level < 63
+            && OPACITIES[level + 1] as usize + OPACITIES[level] as usize <= 2 * v
+            && OPACITIES[level] < SKIN_ALPHA
+        {
+            level += 1;
+        }
+        levels[v] = if level == 0 { 1 } else { level as u8 };
+        v += 1;
+    }
+    levels
+};
+
+/// The opacity of a level.
+#[inline]
+pub fn opacity_of_level(level: u8) -> u8 {
+    OPACITIES[usize::from(level) % OPACITIES.len()]
+}
+
+/// The level of the nearest opacity that builders keep to; only of nothing it is nothing.
+#[inline]
+pub fn opacity_level(alpha: u8) -> u8 {
+    OPACITY_LEVELS[usize::from(alpha)]
+}
+
 /// Stored alpha of an over-saturated open skin under [`BUILD_GAIN`].
 pub const SKIN_ALPHA: u8 = 255;
 

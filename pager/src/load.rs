@@ -6,9 +6,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use brickfell_formats::bricks::{self, BrickIndex, ChunkEntry, brick_file_name};
+use brickfell_formats::bricks::{self, BrickHeader, BrickIndex, ChunkEntry, brick_file_name};
 use brickfell_formats::chunk::Chunk;
-use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::octree::{self, Node, TreeHeader, count_bricks};
 use brickfell_formats::octree_binary::{self, OctreeIndex};
 
@@ -224,8 +223,9 @@ pub(crate) fn level_estimate(nodes: u64) -> u64 {
     level_memory(2 * nodes, 0) + octree_binary::TILE_BYTES
 }
 
-/// Bytes that loading a chunk takes: the payload and the decoded samples.
-pub(crate) fn chunk_estimate(chunk: &ChunkEntry, layout: SampleLayout) -> u64 {
-    let samples = chunk.mask.count_ones() as usize * layout.samples();
-    u64::from(chunk.length) + (samples * 8 + size_of::<Chunk>()) as u64
+/// Bytes that loading a chunk takes: the payload and the decoded samples. What a decoder works with beside them, up to 1.3 MiB, is
+/// the loader's while it decodes, so it does not grow with the requests under way.
+pub(crate) fn chunk_estimate(chunk: &ChunkEntry, header: &BrickHeader) -> u64 {
+    let samples = chunk.mask.count_ones() as usize * header.layout.samples();
+    u64::from(chunk.length) + (samples * header.layers.sample_bytes() + size_of::<Chunk>()) as u64
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use brickfell::build::{BuildArgs, Filter, HeightInput, Silent, build};
 use brickfell::input::demo::{DemoInput, write_demo};
-use brickfell::input::{HeightMap, HeightOptions, load_layer};
+use brickfell::input::{HeightOptions, Layer, RasterCache, load_layers};
 use brickfell_formats::layout::SampleLayout;
 use glam::DVec3;
 
@@ -24,7 +24,7 @@ pub struct Demo {
     /// Held until the process ends: another one that tests at the same time waits.
     _lock: File,
     input: DemoInput,
-    ground: HeightMap,
+    ground: Layer,
     built: HashMap<(u32, SampleLayout, Filter), World>,
 }
 
@@ -44,7 +44,14 @@ impl Demo {
             fs::remove_dir_all(&folder).unwrap();
         }
         let input = write_demo(&folder.join("input"), SEED, SIZE).unwrap();
-        let (ground, _) = load_layer(&input.heights, None, HeightOptions::default()).unwrap();
+        let heights = HeightInput {
+            path: input.heights.clone(),
+            imagery: None,
+        };
+        let cache = RasterCache::new(RasterCache::DEFAULT_BUDGET, &folder);
+        let ground = load_layers(&[heights], HeightOptions::default(), &cache)
+            .unwrap()
+            .remove(0);
         Self {
             folder,
             _lock: lock,
@@ -95,7 +102,7 @@ impl Demo {
     /// # Panics
     /// Outside the terrain.
     pub fn ground(&self, x: f64, y: f64) -> f64 {
-        self.ground.height_at(x, y).unwrap()
+        self.ground.map.height_at(x, y).unwrap().unwrap()
     }
 
     /// A point so many metres above the ground.

@@ -2,11 +2,11 @@
 
 use glam::UVec3;
 
-use super::tables::{Look, flip};
-use crate::value::SOLID_ALPHA;
+use super::tables::{self, Look, flip};
+use crate::value::{SOLID_ALPHA, opacity_level, opacity_of_level};
 
-/// Samples of air on each side of the box.
-const PAD: usize = 2;
+/// Samples of air on each side of the box: west, east, south, north; above and below.
+const PAD: [usize; 3] = [1, 1, 4];
 
 /// Nothing is there.
 pub(super) const EMPTY: u8 = 0;
@@ -38,7 +38,7 @@ impl Grid {
     /// A box of so many samples per axis; no brick has any of them.
     pub(crate) fn new(size: UVec3, axes: bool) -> Self {
         let size = size.to_array().map(|s| s as usize);
-        let padded = size.map(|s| s + 2 * PAD);
+        let padded: [usize; 3] = std::array::from_fn(|k| size[k] + 2 * PAD[k]);
         let n = padded.iter().product();
         Self {
             size,
@@ -55,7 +55,7 @@ impl Grid {
 
     /// Index of the sample at x, y and so many samples below the top.
     pub(crate) fn index(&self, [x, y, down]: [usize; 3]) -> usize {
-        (x + PAD) * self.step[0] + (y + PAD) * self.step[1] + down + PAD
+        (x + PAD[0]) * self.step[0] + (y + PAD[1]) * self.step[1] + down + PAD[2]
     }
 
     /// The indices of each column, from the top down.
@@ -113,5 +113,49 @@ impl Grid {
     #[inline]
     pub(super) fn some(&self, at: usize) -> usize {
         usize::from(self.class[at] != EMPTY)
+    }
+
+    /// Four classes below each other, as bits from the top one on: which are something, which solid.
+    #[inline]
+    pub(super) fn group(&self, at: usize) -> (usize, usize) {
+        let bits = |classes: u32| ((classes & 0x0101_0101).wrapping_mul(0x0102_0408) >> 24 & 15) as usize;
+        let four = self.class[at..at + 4].try_into().map_or(0, u32::from_le_bytes);
+        (bits(four | four >> 1), bits(four >> 1))
+    }
+
+    /// Sets classes by such bits, and the opacities of solid.
+    pub(super) fn set_group(&mut self, at: usize, some: usize, solid: usize) {
+        for k in 0..4 {
+            if solid >> k & 1 == 1 {
+                self.class[at + k] = SOLID;
+                self.set_alpha(at + k, SOLID_ALPHA);
+            } else if some >> k & 1 == 1 {
+                self.class[at + k] = PARTIAL;
+            }
+        }
+    }
+
+    /// Which of four samples bricks have.
+    pub(super) fn covered(&self, at: usize, end: usize) -> usize {
+        (0..end.min(at + 4) - at).fold(0, |bits, k| bits | usize::from(self.present[at + k]) << k)
+    }
+
+    /// Whether an opacity is none of the levels that builders keep to.
+    pub(super) fn has_odd_opacities(&self) -> bool {
+        let level = |v: u8| opacity_of_level(opacity_level(v)) == v;
+        let partial = (0..self.class.len()).filter(|n| self.class[*n] == PARTIAL);
+        partial
+            .into_iter()
+            .any(|n| !level(self.alpha[n]) || !self.opacity[n].iter().all(|v| level(*v)))
+    }
+
+    /// Whether there is a sample of which no look is stored so.
+    pub(super) fn has_odd_looks(&self) -> bool {
+        let some = (0..self.class.len()).filter(|n| self.class[*n] != EMPTY);
+        some.into_iter().any(|n| {
+            let bounds = tables::looks(self.alpha[n], &self.stored[n]);
+            let first = bounds.map(|[first, _]| first);
+            tables::stored(self.alpha[n], &first) != self.stored[n]
+        })
     }
 }

@@ -6,9 +6,10 @@
 
 use std::ops::Range;
 
-use super::coder::{Coder, Prob, Residual};
+use super::coder::{Coder, Model, Prob, residual};
 use super::grid::{Grid, PARTIAL, SOLID};
 use super::tables::{self, Look};
+use crate::value::SOLID_ALPHA;
 
 /// What is known of a look.
 #[derive(Clone, Copy)]
@@ -59,22 +60,43 @@ impl Activity {
 
 /// Looks and what is stored of them.
 pub(super) struct Looks {
-    same: Vec<Prob>,
-    residuals: [Vec<Residual>; 6],
+    same: [Prob; SOURCES * STEPS],
+    /// By component and source, and by component and the residual before.
+    residuals: [[Vec<Model>; 2]; 6],
     activity: [Activity; SOURCES],
-    /// Whether something else is stored than that of a look, and by how much it is off.
+    /// Whether a column of solid is not as expected.
+    solid: Prob,
+    /// Whether something else is stored than that of some looks.
+    odds: bool,
+    /// Whether of this, and by how much it is off.
     odd: Prob,
-    off: [Residual; 6],
+    off: Vec<Model>,
+}
+
+/// Residuals told apart by those before.
+const BEFORE: usize = 5;
+
+fn size_class(residual: i8) -> usize {
+    match residual.unsigned_abs() {
+        0 => 0,
+        1 => 1,
+        2..4 => 2,
+        4..8 => 3,
+        _ => 4,
+    }
 }
 
 impl Looks {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(coder: &mut impl Coder, grid: &Grid) -> Self {
+        let models = |n: usize| vec![Model::default(); n];
         Self {
-            same: vec![Prob::default(); SOURCES * STEPS],
-            residuals: std::array::from_fn(|_| vec![Residual::default(); SOURCES * STEPS]),
+            same: [Prob::default(); SOURCES * STEPS],
+            residuals: std::array::from_fn(|_| [models(SOURCES * STEPS), models(BEFORE * STEPS)]),
             activity: [Activity::default(); SOURCES],
+            solid: Prob::default(),
+            odds: coder.bits(1, u32::from(grid.has_odd_looks())) == 1,
             odd: Prob::default(),
-            off: std::array::from_fn(|_| Residual::default()),
+            off: models(6),
         }
     }
 
@@ -89,19 +111,36 @@ impl Looks {
 
     /// Codes looks and colours of all solid samples of a column; partial ones are known, also in the columns around.
     pub(super) fn solid<C: Coder>(&mut self, coder: &mut C, grid: &mut Grid, column: Range<usize>) {
-        let mut column_look = None;
+        if !grid.class[column.clone()].contains(&SOLID) {
+            return;
+        }
+        // Mostly it is all as expected.
+        let differs = C::ENCODES
+            && !expected_solid(grid, column.clone(), |grid, at, look| {
+                tables::stored(SOLID_ALPHA, look) == grid.stored[at]
+            });
+        if coder.bit(&mut self.solid, differs) {
+            self.each_solid(coder, grid, column);
+        } else if !C::ENCODES {
+            expected_solid(grid, column, |grid, at, look| {
+                grid.stored[at] = tables::stored(SOLID_ALPHA, look);
+                true
+            });
+        }
+    }
+
+    fn each_solid<C: Coder>(&mut self, coder: &mut C, grid: &mut Grid, column: Range<usize>) {
+        let mut above = None;
         for at in column {
             if grid.class[at] != SOLID {
-                column_look = (grid.class[at] == PARTIAL).then(|| grid.look[at]);
+                above = (grid.class[at] == PARTIAL).then(|| grid.look[at]);
                 continue;
             }
-            let below_solid = grid.class[at - 1] == SOLID;
-            let beside = if below_solid { beside(grid, at) } else { None };
-            let guess = beside.map_or_else(|| solid_guess(grid, at, column_look), |look| Guess::new(look, 6));
+            let (guess, beside) = solid_guess(grid, at, above);
             self.look(coder, grid, at..at + 1, &guess);
             self.stored(coder, grid, at);
-            if beside.is_none() {
-                column_look = Some(grid.look[at]);
+            if !beside {
+                above = Some(grid.look[at]);
             }
         }
     }
@@ -132,6 +171,7 @@ impl Looks {
         let contexts = [activity.color, activity.normal].map(|mean| row + Activity::step(mean));
         let mut found = guess.near;
         let mut wrong = [0; 2];
+        let mut before = size_class(0);
         // Red and blue are off where green is.
         let mut green = 0i32;
         for k in [1, 0, 2, 3, 4, 5] {
@@ -140,7 +180,14 @@ impl Looks {
                 _ => guess.near[k],
             };
             let off = goal[k].wrapping_sub(expected).cast_signed();
-            let off = self.residuals[k][contexts[k / 3]].code(coder, off);
+            let [own, after] = &mut self.residuals[k];
+            let steps = contexts[k / 3];
+            let off = residual(
+                coder,
+                [&mut own[steps], &mut after[before * STEPS + steps % STEPS]],
+                off,
+            );
+            before = size_class(off);
             found[k] = expected.wrapping_add(off.cast_unsigned());
             wrong[k / 3] += i32::from(off).abs();
             if k == 1 {
@@ -156,9 +203,10 @@ impl Looks {
         let expected = tables::stored(grid.alpha[at], &grid.look[at]);
         let goal = grid.stored[at];
         grid.stored[at] = expected;
-        if coder.bit(&mut self.odd, goal != expected) {
-            for (k, residual) in self.off.iter_mut().enumerate() {
-                let off = residual.code(coder, goal[k].wrapping_sub(expected[k]).cast_signed());
+        if self.odds && coder.bit(&mut self.odd, goal != expected) {
+            for (k, model) in self.off.iter_mut().enumerate() {
+                let off = goal[k].wrapping_sub(expected[k]).cast_signed();
+                let off = residual(coder, [model], off);
                 grid.stored[at][k] = expected[k].wrapping_add(off.cast_unsigned());
             }
         }
@@ -237,31 +285,69 @@ fn surface_guess(grid: &Grid, at: usize) -> Guess {
 /// The mean look of the surfaces around a sample, if there are any: deep solid has it beside them.
 fn beside(grid: &Grid, at: usize) -> Option<Look> {
     let [dx, dy, _] = grid.step;
-    let (mut sum, mut count) = ([0u32; 6], 0);
-    for column in [0, dx, 2 * dx].map(|x| at + x - dx) {
-        for middle in [0, dy, 2 * dy].map(|y| column + y - dy) {
-            for n in (middle - 1..middle + 2).filter(|n| grid.class[*n] == PARTIAL) {
-                count += 1;
-                (0..6).for_each(|k| sum[k] += u32::from(grid.look[n][k]));
-            }
-        }
+    let first = at - dx - dy;
+    let columns: [usize; 9] = std::array::from_fn(|k| first + k % 3 * dx + k / 3 * dy);
+    let partial = |n: usize| {
+        let classes = grid.class[n - 1..n + 3].try_into().map_or(0, u32::from_le_bytes);
+        classes & 0x01_0101
+    };
+    if columns.iter().fold(0, |any, n| any | partial(*n)) == 0 {
+        return None;
     }
-    (count > 0).then(|| sum.map(|s| ((s + count / 2) / count) as u8))
+    let (mut sum, mut count) = ([0u32; 6], 0);
+    for n in columns
+        .into_iter()
+        .flat_map(|n| n - 1..n + 2)
+        .filter(|n| grid.class[*n] == PARTIAL)
+    {
+        count += 1;
+        (0..6).for_each(|k| sum[k] += u32::from(grid.look[n][k]));
+    }
+    Some(sum.map(|s| ((s + count / 2) / count) as u8))
 }
 
-fn solid_guess(grid: &Grid, at: usize, column: Option<Look>) -> Guess {
+/// What is known of the look of solid; and whether from surfaces beside it. `above` is what the column has had.
+#[inline]
+fn solid_guess(grid: &Grid, at: usize, above: Option<Look>) -> (Guess, bool) {
     let [dx, dy, dz] = grid.step;
-    let known = |n: usize| (grid.class[n] == SOLID).then(|| grid.look[n]);
-    if let Some(look) = column {
-        return Guess::new(look, if grid.class[at - dz] == SOLID { 7 } else { 8 });
+    let covered = grid.class[at - dz] == SOLID;
+    if let Some(look) = if covered { beside(grid, at) } else { None } {
+        return (Guess::new(look, 6), true);
     }
-    match (known(at - dz), known(at - dx), known(at - dy)) {
-        (Some(above), ..) => Guess::new(above, 9),
-        (_, Some(west), Some(south)) => {
+    let known = |n: usize| (grid.class[n] == SOLID).then(|| grid.look[n]);
+    let guess = match (above, known(at - dz), known(at - dx), known(at - dy)) {
+        (Some(look), ..) => Guess::new(look, if covered { 7 } else { 8 }),
+        (_, Some(look), ..) => Guess::new(look, 9),
+        (_, _, Some(west), Some(south)) => {
             let corner = known(at - dx - dy).unwrap_or(west);
             Guess::new(plane(&west, &south, &corner), 10)
         }
-        (_, Some(one), None) | (_, None, Some(one)) => Guess::new(one, 11),
-        (None, None, None) => Guess::new([128; 6], 4),
+        (_, _, Some(one), None) | (_, _, None, Some(one)) => Guess::new(one, 11),
+        (None, None, None, None) => Guess::new([128; 6], 4),
+    };
+    (guess, false)
+}
+
+/// Gives the solid samples of a column the looks that are expected, as long as the call agrees; whether it did to the end.
+fn expected_solid(
+    grid: &mut Grid,
+    column: Range<usize>,
+    mut agrees: impl FnMut(&mut Grid, usize, &Look) -> bool,
+) -> bool {
+    let mut above = None;
+    for at in column {
+        if grid.class[at] != SOLID {
+            above = (grid.class[at] == PARTIAL).then(|| grid.look[at]);
+            continue;
+        }
+        let (Guess { same, .. }, beside) = solid_guess(grid, at, above);
+        if !agrees(grid, at, &same) {
+            return false;
+        }
+        grid.look[at] = same;
+        if !beside {
+            above = Some(same);
+        }
     }
+    true
 }

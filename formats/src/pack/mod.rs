@@ -6,16 +6,15 @@
 //! | [`opacity`] | where there are any, and how opaque they are |
 //! | [`looks`] | their colours and normals |
 //! | [`tables`] | what is stored of a colour or normal at an alpha |
-//! | [`mix`], [`coder`] | decisions by what is expected, as bytes |
+//! | [`coder`] | symbols by what is expected, as bytes |
 //!
 //! Encoder and decoder run the same model; only the coder under it differs ([`coder::Coder`]). All that the model looks at is either
-//! behind it or in a pass that is done, and every estimate begins anew with each chunk. A sample takes at most 240
-//! decisions, and nothing is allocated by what a payload says.
+//! behind it or in a pass that is done, and every estimate begins anew with each chunk. A sample takes at most 40
+//! symbols, and nothing is allocated by what a payload says.
 
 mod coder;
 mod grid;
 mod looks;
-mod mix;
 mod opacity;
 mod tables;
 
@@ -53,7 +52,8 @@ pub(crate) fn decode(bytes: &[u8], grid: &mut Grid) -> Result<(), FormatError> {
 /// Codes all samples; gives up when bytes run out.
 fn code<C: Coder>(coder: &mut C, grid: &mut Grid) {
     Classes::new().code(coder, grid);
-    let (mut opacities, mut looks) = (Opacities::new(grid.axes), Looks::new());
+    let mut opacities = Opacities::new(coder, grid);
+    let mut looks = Looks::new(coder, grid);
     for column in grid.columns() {
         if coder.failed() {
             return;

@@ -1,75 +1,130 @@
 //! Where samples are, and how opaque.
 
-use super::coder::{Coder, Prob, Residual};
-use super::grid::{EMPTY, Grid, PARTIAL, SOLID};
-use super::mix::Bytes;
-use crate::value::SOLID_ALPHA;
+use super::coder::{Coder, Model, Prob, residual};
+use super::grid::Grid;
+use crate::value::{SOLID_ALPHA, opacity_level, opacity_of_level};
 
-/// Which samples there are, by the neighbours above and in the columns before.
+/// Samples of a column whose classes are one symbol.
+const GROUP: usize = 4;
+
+/// Which samples there are, four of a column at once, by the columns before and the sample above.
 pub(super) struct Classes {
-    some: Vec<Prob>,
-    solid: Vec<Prob>,
+    some: [Vec<Model>; 2],
+    solid: [Vec<Model>; 2],
 }
 
 impl Classes {
-    /// Values of the context: three classes of four neighbours, and whether there is something in six.
-    const CONTEXTS: usize = (3 * 3 * 3 * 3) << 6;
-
     pub(super) fn new() -> Self {
+        let models = |n: usize| vec![Model::default(); n];
         Self {
-            some: vec![Prob::default(); Self::CONTEXTS],
-            solid: vec![Prob::default(); Self::CONTEXTS],
+            some: [models(1 << 9), models(3 << 10)],
+            solid: [models(1 << 9), models(1 << 9)],
         }
     }
 
     /// Codes all classes, and the opacities of solid.
     pub(super) fn code<C: Coder>(&mut self, coder: &mut C, grid: &mut Grid) {
-        let [dx, dy, dz] = grid.step;
+        let [dx, dy, _] = grid.step;
         for column in grid.columns() {
-            for at in column {
-                if !grid.present[at] {
+            for at in column.clone().step_by(GROUP) {
+                let covered = grid.covered(at, column.end);
+                if covered == 0 {
                     continue;
                 }
-                let (above, west, south) = (at - dz, at - dx, at - dy);
-                let four = [above, west, south, south - dx];
-                let six = [
-                    west + dz,
-                    south + dz,
-                    west - dz,
-                    south - dz,
-                    above - dz,
-                    south + dx,
-                ];
-                let classes = four.iter().fold(0, |c, n| c * 3 + usize::from(grid.class[*n]));
-                let context = six.iter().fold(classes, |c, n| c << 1 | grid.some(*n));
-                let class = grid.class[at];
-                grid.class[at] = if !coder.bit(&mut self.some[context], class != EMPTY) {
-                    EMPTY
-                } else if !coder.bit(&mut self.solid[context], class == SOLID) {
-                    PARTIAL
-                } else {
-                    grid.set_alpha(at, SOLID_ALPHA);
-                    SOLID
-                };
+                let (west, south) = (at - dx, at - dy);
+                let (some, solid) = if C::ENCODES { grid.group(at) } else { (0, 0) };
+                let (above_some, above_solid) = grid.group(at - GROUP);
+                let (west_some, west_solid) = grid.group(west);
+                let (south_some, south_solid) = grid.group(south);
+                let (corner_some, _) = grid.group(south - dx);
+                let above = above_some >> 3;
+                let near = west_some << 5 | south_some << 1 | above;
+                let class = usize::from(grid.class[at - 1]);
+                let beyond = [west + GROUP, south + GROUP, west - 1, south - 1];
+                let far = beyond.iter().fold(class, |c, n| c << 1 | grid.some(*n));
+                let (south_east, _) = grid.group(south + dx);
+                let far = far << 6 | corner_some << 2 | south_east >> 2 & 2 | south_east & 1;
+                let [a, b] = &mut self.some;
+                let some = coder.by([&mut a[near], &mut b[far]], some) & covered;
+                let mut full = 0;
+                if some != 0 {
+                    let above = above_solid >> 3;
+                    let [a, b] = &mut self.solid;
+                    let models = [
+                        &mut a[some << 5 | west_solid << 1 | above],
+                        &mut b[some << 5 | south_solid << 1 | above],
+                    ];
+                    full = coder.by(models, solid) & some;
+                }
+                if !C::ENCODES {
+                    grid.set_group(at, some, full);
+                }
             }
         }
     }
 }
 
+/// Steps of the opacities of a chunk: those that builders keep to, or all.
+#[derive(Clone, Copy)]
+enum Steps {
+    Levels,
+    Bytes,
+}
+
 /// Opacities of what is neither empty nor solid.
 pub(super) struct Opacities {
-    equal: Vec<Prob>,
+    steps: Steps,
+    equal: [Prob; 8],
     one: Bytes<3>,
     each: [Bytes<4>; 3],
-    largest: Residual,
+    largest: Vec<Model>,
+}
+
+/// An opacity in few steps; nothing is one of its own.
+fn coarse(v: u8) -> usize {
+    usize::from(v).div_ceil(16)
 }
 
 /// Values of [`coarse`].
 const COARSE: usize = 17;
 
-/// An opacity in fewer steps; nothing is a step of its own.
-fn coarse(v: u8) -> usize {
-    usize::from(v).div_ceil(16)
+/// Bytes in two symbols, the first by N contexts.
+struct Bytes<const N: usize> {
+    high: [Vec<Model>; N],
+    low: Vec<Model>,
+}
+
+impl<const N: usize> Bytes<N> {
+    fn new(contexts: [usize; N]) -> Self {
+        Self {
+            high: contexts.map(|n| vec![Model::default(); n]),
+            low: vec![Model::default(); 16],
+        }
+    }
+
+    fn code(&mut self, coder: &mut impl Coder, steps: Steps, contexts: [usize; N], value: u8) -> u8 {
+        let bits = match steps {
+            Steps::Levels => 2,
+            Steps::Bytes => 4,
+        };
+        let rank = match steps {
+            Steps::Levels => usize::from(opacity_level(value)),
+            Steps::Bytes => usize::from(value),
+        };
+        let mut each = self.high.iter_mut().zip(contexts);
+        // There are as many models as contexts.
+        let models: [&mut Model; N] = std::array::from_fn(|_| {
+            let (models, context) = each.next().expect("N of each");
+            &mut models[context]
+        });
+        let high = coder.by(models, rank >> bits);
+        let low = coder.by([&mut self.low[high]], rank & ((1 << bits) - 1));
+        let rank = high << bits | low & ((1 << bits) - 1);
+        match steps {
+            Steps::Levels => opacity_of_level(rank as u8),
+            Steps::Bytes => rank as u8,
+        }
+    }
 }
 
 impl Opacities {
@@ -77,13 +132,15 @@ impl Opacities {
     const GROUND: usize = 16;
 
     /// For samples with opacities against the axes, or without.
-    pub(super) fn new(axes: bool) -> Self {
-        let each = [COARSE << 2, COARSE * 9, COARSE * COARSE, 1 << 6].map(|n| if axes { n } else { 0 });
+    pub(super) fn new(coder: &mut impl Coder, grid: &Grid) -> Self {
+        let all = coder.bits(1, u32::from(grid.has_odd_opacities())) == 1;
+        let each = [COARSE << 2, COARSE * 9, COARSE * COARSE, 1 << 6].map(|n| if grid.axes { n } else { 0 });
         Self {
-            equal: vec![Prob::default(); 8],
+            steps: if all { Steps::Bytes } else { Steps::Levels },
+            equal: Default::default(),
             one: Bytes::new([Self::GROUND * 4, COARSE * COARSE, Self::GROUND * 9]),
             each: std::array::from_fn(|_| Bytes::new(each)),
-            largest: Residual::default(),
+            largest: vec![Model::default(); 1],
         }
     }
 
@@ -112,7 +169,7 @@ impl Opacities {
             coarse(grid.alpha[west]) * COARSE + coarse(grid.alpha[south]),
             ground * 9 + around,
         ];
-        let alpha = self.one.code(coder, contexts, grid.alpha[at]);
+        let alpha = self.one.code(coder, self.steps, contexts, grid.alpha[at]);
         grid.set_alpha(at, alpha);
     }
 
@@ -154,15 +211,14 @@ impl Opacities {
                 other,
                 ends << 4 | beside,
             ];
-            found[axis] = self.each[axis].code(coder, contexts, goal[axis]);
+            found[axis] = self.each[axis].code(coder, self.steps, contexts, goal[axis]);
         }
         grid.opacity[at] = found;
         // Nearly always the largest of them.
         let [x, y, z] = found;
         let largest = x.max(y).max(z);
-        let more = self
-            .largest
-            .code(coder, grid.alpha[at].wrapping_sub(largest).cast_signed());
+        let more = grid.alpha[at].wrapping_sub(largest).cast_signed();
+        let more = residual(coder, [&mut self.largest[0]], more);
         grid.alpha[at] = largest.wrapping_add(more.cast_unsigned());
     }
 }

@@ -40,10 +40,6 @@ pub(super) fn flip(v: u8) -> u8 {
     v ^ 0x80
 }
 
-fn table(component: usize) -> &'static Table {
-    &TABLES[component / 3]
-}
-
 impl Table {
     fn new(function: impl Fn(u8, u8) -> u8) -> Self {
         let mut forth = Vec::with_capacity(CODES * CODES);
@@ -67,15 +63,20 @@ fn row(alpha: u8) -> usize {
 /// What is stored of a look.
 #[inline]
 pub(super) fn stored(alpha: u8, look: &Look) -> Look {
-    std::array::from_fn(|k| table(k).forth[row(alpha) + usize::from(look[k])])
+    let tables = &*TABLES;
+    let [color, normal] = [0, 1].map(|k| &tables[k].forth[row(alpha)..][..CODES]);
+    std::array::from_fn(|k| (if k < 3 { color } else { normal })[usize::from(look[k])])
 }
 
 /// First and last look of which a sample is stored, by component; all looks where it is of none.
 pub(super) fn looks(alpha: u8, stored: &Look) -> [[u8; 2]; 6] {
-    std::array::from_fn(|k| match table(k).back[row(alpha) + usize::from(stored[k])] {
-        [first, last] if first <= last => [first, last],
-        _ => [0, 255],
-    })
+    let tables = &*TABLES;
+    std::array::from_fn(
+        |k| match tables[k / 3].back[row(alpha) + usize::from(stored[k])] {
+            [first, last] if first <= last => [first, last],
+            _ => [0, 255],
+        },
+    )
 }
 
 #[cfg(test)]
@@ -91,7 +92,7 @@ mod tests {
 
     #[test]
     fn all_that_is_stored_of_a_look_has_looks_around_it() {
-        for (component, table) in [0, 3].map(|k| (k, table(k))) {
+        for (component, table) in [0, 3].map(|k| (k, &TABLES[k / 3])) {
             for alpha in 0..=255u8 {
                 for look in 0..=255u8 {
                     let stored = [table.forth[row(alpha) + usize::from(look)]; 6];

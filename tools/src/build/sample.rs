@@ -7,7 +7,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Stored, Value, linear_to_srgb, srgb_to_linear};
+use brickfell_formats::value::{
+    BUILD_GAIN, SOLID_ALPHA, Stored, Value, linear_to_srgb, opacity_level, opacity_of_level, srgb_to_linear,
+};
 
 use super::ground::Hint;
 use super::texels::SurfaceLook;
@@ -97,14 +99,15 @@ impl Sample {
 
     /// What is stored of its opacity if that against each axis is told apart.
     pub(crate) fn opacities(&self, skins: [f32; 3]) -> [u8; 3] {
-        skins.map(|skin| (self.alpha(code(skin.min(SKIN_MAX), SKIN_ONE)) * 255.0 + 0.5) as u8)
+        skins.map(|skin| self.alpha(code(skin.min(SKIN_MAX), SKIN_ONE)))
     }
 
-    /// The alpha to be stored with a skin.
-    fn alpha(&self, skin: u16) -> f32 {
+    /// The alpha to be stored with a skin: in steps of which nobody sees that they are not finer, as noise in them is a tenth of a file
+    /// of a mesh.
+    fn alpha(&self, skin: u16) -> u8 {
         let skin = f32::from(skin) * (127.5 / SKIN_ONE);
         let solid = f32::from(self.solid) * (f32::from(SOLID_ALPHA) / f32::from(SOLID));
-        ((skin + solid) / 255.0).min(1.0)
+        opacity_of_level(opacity_level((skin + solid + 0.5) as u8))
     }
 
     /// Whether a surface meets it.
@@ -123,7 +126,7 @@ impl Sample {
     /// What is stored. `hint` is for solid that no surface gives colour and normal.
     pub(crate) fn stored(&self, hint: Hint) -> Stored {
         let look = if self.is_surface() { self.look() } else { hint };
-        let alpha = self.alpha(self.skin);
+        let alpha = f32::from(self.alpha(self.skin)) / 255.0;
         let Hint { rgb, normal } = in_bytes(&look);
         Value { rgb, alpha, normal }.store(BUILD_GAIN)
     }
