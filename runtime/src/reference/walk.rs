@@ -166,13 +166,15 @@ pub(super) struct Walk<'t, 'r> {
     z: f64,
     /// Level wanted there; it only falls.
     wanted: u8,
+    /// Least fractional level.
+    least_level: f64,
     /// Segments after which the ray is stopped.
     pub(super) cap: u64,
 }
 
 impl<'t, 'r> Walk<'t, 'r> {
     /// A ray at the start of its passage.
-    pub(super) fn new(tree: &'t Tree, ray: &'r Ray, passage: Passage) -> Self {
+    pub(super) fn new(tree: &'t Tree, ray: &'r Ray, passage: Passage, least_level: f64) -> Self {
         let header = &tree.header;
         let (eye, direction) = in_tree(tree, ray);
         let trail = Trail::new(eye, direction, passage.enter, header.side_voxels() as i64);
@@ -183,6 +185,7 @@ impl<'t, 'r> Walk<'t, 'r> {
             trail,
             z: passage.enter,
             wanted: header.depth,
+            least_level,
             // More than any ray needs: one per plane of the finest lattice and one per level, with room to spare.
             cap: 3 * header.side_voxels() + 2 * u64::from(header.depth) + 16,
         }
@@ -231,8 +234,12 @@ impl<'t, 'r> Walk<'t, 'r> {
         1 << (self.tree.header.depth - level)
     }
 
-    /// Depth at which the footprint is a voxel of a level.
+    /// Depth at which the footprint is a voxel of a level; nowhere if levels do not fall as far.
     fn fits(&self, level: u8) -> f64 {
+        let reach = if self.ray.mix_levels { 0.0 } else { 0.5 };
+        if self.least_level > f64::from(level) + reach {
+            return f64::INFINITY;
+        }
         self.tree.header.level_voxel_size(level) / self.ray.footprint
     }
 
@@ -251,7 +258,9 @@ impl<'t, 'r> Walk<'t, 'r> {
         if !self.ray.mix_levels || self.wanted == 0 || self.z < self.fits(self.wanted) {
             return None;
         }
-        let lambda = (self.tree.header.level_voxel_size(0) / (self.ray.footprint * self.z)).log2();
+        let lambda = (self.tree.header.level_voxel_size(0) / (self.ray.footprint * self.z))
+            .log2()
+            .max(self.least_level);
         Some((lambda - f64::from(self.wanted - 1)).clamp(0.0, 1.0))
     }
 

@@ -186,7 +186,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
             return;
         }
         // The wanted level, fractional, and the two levels around it.
-        let lambda = clamp(log2_footprint - log2(max(tree.depth0 + t, 1e-30)), 0.0, deepest);
+        let lambda = clamp(log2_footprint - log2(max(tree.depth0 + t, 1e-30)), tree.least_level, deepest);
         var fine = u32(ceil(lambda));
         var weight = select(lambda - (f32(fine) - 1.0), 1.0, fine == 0u);
         if (frame.mix_levels == 0u) {
