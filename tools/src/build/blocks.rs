@@ -96,6 +96,19 @@ impl<T> Blocks<T> {
             .unwrap_or(&self.outside)
     }
 
+    /// What a cell holds; `solid` is what solid blocks do.
+    pub(crate) fn at(&self, [x, y, z]: [i64; 3], solid: T) -> T
+    where
+        T: Copy + Default,
+    {
+        let column = self.column(x.div_euclid(SIDE), y.div_euclid(SIDE));
+        match column.get(z.div_euclid(SIDE)) {
+            Block::Empty => T::default(),
+            Block::Solid => solid,
+            Block::Dense(cells) => cells[in_block(x, y, z)],
+        }
+    }
+
     /// Whether there is nothing in a box of blocks.
     pub(crate) fn is_empty_in(&self, extent: &CellBox) -> bool {
         let heights = extent.lo[2]..extent.hi[2];

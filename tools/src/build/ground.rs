@@ -266,7 +266,19 @@ impl Hints {
         }
     }
 
-    fn at(&self, x: i64, y: i64) -> [f32; 7] {
+    /// Over a rectangle of cells, given their sums of colours and normals and their shares.
+    pub(crate) fn of(area: &CellBox, look: impl Fn(i64, i64) -> [f32; 7]) -> Self {
+        let (lo, hi) = (area.lo, area.hi);
+        let cells = (lo[1]..hi[1]).flat_map(|y| (lo[0]..hi[0]).map(move |x| (x, y)));
+        Self {
+            lo: [lo[0], lo[1]],
+            size: [hi[0] - lo[0], hi[1] - lo[1]],
+            looks: cells.map(|(x, y)| look(x, y)).collect(),
+        }
+    }
+
+    /// The sums of colours and normals of a column of cells, and their share.
+    pub(crate) fn at(&self, x: i64, y: i64) -> [f32; 7] {
         let (i, j) = (x - self.lo[0], y - self.lo[1]);
         if i < 0 || j < 0 || i >= self.size[0] || j >= self.size[1] {
             return [0.0; 7];

@@ -19,8 +19,6 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use brickfell_formats::octree::TreeHeader;
-
 use super::blocks::{BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense};
 use super::error::BuildError;
 use super::filter::{Cover, Kept, Level, Target};
@@ -31,7 +29,7 @@ use super::manifest::{remove_tree, write_whole};
 use super::nodes::level_nodes;
 use super::sample::Sample;
 use super::texels::TexelLevel;
-use super::tree::{FolderWriter, TREE_FILE, Terrain, build_tree, finish, write_bricks};
+use super::tree::{FolderWriter, Terrain, build_tree, finish, write_bricks};
 
 /// Voxels of a level by which solid ground reaches below its surface at least.
 const SOLID_VOXELS: i64 = 2;
@@ -57,7 +55,11 @@ pub(crate) struct GroupPlan {
 
 impl GroupPlan {
     /// Groups over trees, up to where one, or one on each side of the origin, has everything.
-    pub(crate) fn new(lattice: &Lattice, trees: &[TreePlace], has_ground: impl Fn((i64, i64)) -> bool) -> Self {
+    pub(crate) fn new(
+        lattice: &Lattice,
+        trees: &[TreePlace],
+        has_ground: impl Fn((i64, i64)) -> bool,
+    ) -> Self {
         // By column the range of heights in root voxels, and whether there is ground.
         type Columns = BTreeMap<(i64, i64), (i64, i64, bool)>;
         let cover = |columns: &mut Columns, at, (lo, hi, ground): (i64, i64, bool)| {
@@ -71,15 +73,20 @@ impl GroupPlan {
             cover(&mut columns, at, (z, z + SIDE, has_ground(at)));
         }
         let mut places = Vec::new();
+        // Columns on two sides of the origin never meet.
+        let sides = |columns: &Columns| {
+            let sides = columns.keys().map(|(x, y)| (*x < 0, *y < 0));
+            sides.collect::<BTreeSet<_>>().len()
+        };
         for height in 1.. {
+            if columns.len() == sides(&columns) {
+                break;
+            }
             let mut above = Columns::new();
             for ((x, y), (lo, hi, ground)) in &columns {
                 let deeper = if *ground { SOLID_VOXELS } else { 0 };
                 let range = (lo.div_euclid(2) - deeper, (hi + 1).div_euclid(2), *ground);
                 cover(&mut above, (x.div_euclid(2), y.div_euclid(2)), range);
-            }
-            if above.len() == columns.len() && above.keys().eq(columns.keys()) {
-                break;
             }
             for (column, (lo, hi, _)) in &above {
                 places.extend((*lo..*hi).step_by(SIDE as usize).map(|z| GroupPlace {
@@ -144,7 +151,11 @@ impl Saved {
     fn of(level: &Level, hints: &Hints, lo: [i64; 3]) -> Self {
         let place = |k: usize| {
             let k = k as i64;
-            [lo[0] + k % SIDE, lo[1] + k / SIDE % SIDE, lo[2] + k / (SIDE * SIDE)]
+            [
+                lo[0] + k % SIDE,
+                lo[1] + k / SIDE % SIDE,
+                lo[2] + k / (SIDE * SIDE),
+            ]
         };
         let cell = |at| {
             let (cover, mean) = match &level.kept {
@@ -161,7 +172,9 @@ impl Saved {
         Self {
             lo,
             cells: (0..CELLS).map(|k| cell(place(k))).collect(),
-            looks: (0..CELLS / SIDE as usize).map(|k| hints.at(place(k)[0], place(k)[1])).collect(),
+            looks: (0..CELLS / SIDE as usize)
+                .map(|k| hints.at(place(k)[0], place(k)[1]))
+                .collect(),
         }
     }
 
@@ -261,7 +274,10 @@ pub(crate) fn build_groups(
     let mut below: BTreeMap<(i64, i64), Vec<String>> = BTreeMap::new();
     for place in trees {
         let column = terrain.lattice.column_of(place.origin[0], place.origin[1]);
-        below.entry(column).or_default().push(terrain.lattice.tree_name(*place));
+        below
+            .entry(column)
+            .or_default()
+            .push(terrain.lattice.tree_name(*place));
     }
     let mut empty = BTreeSet::new();
     for places in plan.places.chunk_by(|a, b| a.height == b.height) {
@@ -294,7 +310,12 @@ fn build_group(
     let mut saved = Vec::new();
     for name in near.flatten() {
         let path = folders.samples(name);
-        let damaged = || std::io::Error::new(std::io::ErrorKind::InvalidData, "is damaged; remove it and build again");
+        let damaged = || {
+            std::io::Error::new(
+                std::io::ErrorKind::InvalidData,
+                "is damaged; remove it and build again",
+            )
+        };
         saved.push(Saved::load(&path).ok_or_else(|| BuildError::io(&path)(damaged()))?);
     }
     let support = lattice.support(place, 0);
@@ -343,11 +364,14 @@ struct Cells {
 }
 
 impl Cells {
-    /// Of what was saved, in the blocks of a box.
+    /// Of what was saved, in the blocks over and under a box.
     fn new(area: &CellBox, saved: &[Saved]) -> Self {
-        // Ground goes deeper than the box.
+        // All heights, whatever the box has of them: how deep ground goes depends on its surface.
         let mut extent = area.blocks();
-        extent.lo[2] -= 1;
+        let lowest = saved.iter().map(|part| part.lo[2]).min().unwrap_or(0);
+        let highest = saved.iter().map(|part| part.lo[2] + SIDE).max().unwrap_or(0);
+        extent.lo[2] = extent.lo[2].min(lowest.div_euclid(SIDE) - 1);
+        extent.hi[2] = extent.hi[2].max((highest + SIDE - 1).div_euclid(SIDE));
         let mut cells = Self {
             extent,
             blocks: BTreeMap::new(),
@@ -380,7 +404,9 @@ impl Cells {
 
     fn sample(&self, at: [i64; 3]) -> Sample {
         let block = self.blocks.get(&at.map(|c| c.div_euclid(SIDE)));
-        block.map_or(Sample::default(), |cells| cells[in_block(at[0], at[1], at[2])].sample)
+        block.map_or(Sample::default(), |cells| {
+            cells[in_block(at[0], at[1], at[2])].sample
+        })
     }
 
     fn hints(&self, area: &CellBox) -> Hints {
@@ -394,7 +420,9 @@ impl Cells {
             samples: part(&|cell| cell.sample),
             kept: match filter {
                 super::Filter::Mean | super::Filter::Double => Kept::Nothing,
-                super::Filter::Pow => Kept::Means(self.blocks_of(&|cell| cell.mean, |m| *m == 0.0, |_| false)),
+                super::Filter::Pow => {
+                    Kept::Means(self.blocks_of(&|cell| cell.mean, |m| *m == 0.0, |_| false))
+                }
                 super::Filter::Coverage | super::Filter::Axes => {
                     Kept::Covers(self.blocks_of(&|cell| cell.cover, |c| *c == Cover::default(), |_| false))
                 }
@@ -442,7 +470,12 @@ impl Cells {
                 .filter(|(x, y)| hints.at(*x, *y)[6] > 0.0)
                 .filter_map(|(x, y)| {
                     let is_solid = |z: &i64| self.sample([x, y, *z]).is_partly_solid();
-                    Some((x, y, (lo[2]..hi[2]).find(is_solid)?, (lo[2]..hi[2]).rfind(is_solid)?))
+                    Some((
+                        x,
+                        y,
+                        (lo[2]..hi[2]).find(is_solid)?,
+                        (lo[2]..hi[2]).rfind(is_solid)?,
+                    ))
                 })
                 .collect();
             let Some(top) = ground.iter().map(|g| g.3).min() else {

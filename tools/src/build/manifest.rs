@@ -17,12 +17,14 @@ pub(crate) const MANIFEST: &str = "build.json";
 pub(crate) const EMPTY_TREES: &str = "empty_trees.txt";
 /// The folder of trees.
 pub(crate) const TREES: &str = "trees";
+/// What trees leave for the groups above them while a build is under way.
+pub(crate) const ROOT_SAMPLES: &str = "root_samples";
 /// The scene.
 pub(crate) const SCENE: &str = "scene.xml";
 
 const FORMAT: &str = "brickfell-build";
 /// Raised whenever the builder makes other bytes from the same input.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// What a database is made from.
 #[derive(Debug, Serialize)]
@@ -135,6 +137,7 @@ fn remove_ours(out: &Path) -> Result<(), BuildError> {
         }
     }
     let _ = fs::remove_dir(&trees);
+    remove_root_samples(out)?;
     for name in [SCENE, EMPTY_TREES, MANIFEST] {
         let path = out.join(name);
         if path.exists() {
@@ -160,8 +163,33 @@ pub(crate) fn remove_tree(folder: &Path) -> Result<(), BuildError> {
     Ok(())
 }
 
+/// Removes what trees left for groups.
+///
+/// # Errors
+/// If a file cannot be removed.
+pub(crate) fn remove_root_samples(out: &Path) -> Result<(), BuildError> {
+    let folder = out.join(ROOT_SAMPLES);
+    for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
+        let (path, name) = (entry.path(), entry.file_name());
+        let name = name.to_string_lossy();
+        let tree = name.strip_suffix(PARTIAL).unwrap_or(&name);
+        if tree.strip_suffix(".samples").is_some_and(is_tree_name) {
+            fs::remove_file(&path).map_err(BuildError::io(&path))?;
+        } else if is_tree_name(tree) {
+            remove_tree(&path)?;
+        }
+    }
+    let _ = fs::remove_dir(&folder);
+    Ok(())
+}
+
+/// Of a tree or of a coarse tree.
 fn is_tree_name(name: &str) -> bool {
     let name = name.strip_suffix(PARTIAL).unwrap_or(name);
+    let name = match name.strip_prefix('g').and_then(|rest| rest.split_once('_')) {
+        Some((height, rest)) if height.parse::<u8>().is_ok() => rest,
+        _ => name,
+    };
     let parts: Vec<&str> = name.split('_').collect();
     parts.len() == 3
         && parts.iter().zip(["x", "y", "z"]).all(|(part, axis)| {
@@ -197,6 +225,7 @@ mod tests {
     #[test]
     fn names_of_trees() {
         assert!(is_tree_name("x-1_y20_z3") && is_tree_name("x0_y0_z0.partial"));
+        assert!(is_tree_name("g12_x-1_y20_z3") && !is_tree_name("g_x1_y2_z3"));
         assert!(!is_tree_name("x1_y2") && !is_tree_name("x_y_z") && !is_tree_name("photos"));
     }
 }

@@ -10,7 +10,7 @@
 //!   finest (ground, surface, overlap) → blocks of samples ─┬→ texels → nodes → bricks on disk
 //!                                        ↑  filter: ×½  ←──┘           ↓
 //!                                        └── until the root       octree on disk
-//! → scene
+//! → groups (coarse trees over trees) → scene
 //! ```
 //! Called from one thread, which waits; the work is spread over a pool of threads of its own. Bytes do not depend on the
 //! number of threads, nor on whether a build was interrupted and resumed.
@@ -20,6 +20,7 @@ mod error;
 mod filter;
 mod finest;
 mod ground;
+mod groups;
 mod lattice;
 mod manifest;
 mod nodes;
@@ -50,9 +51,10 @@ pub use progress::{IndicatifProgress, Progress, Silent};
 
 pub use crate::input::HeightInput;
 use crate::input::{HeightUnit, Inputs, Mesh, UpAxis};
-use lattice::Lattice;
-use manifest::{Arguments, EMPTY_TREES, Manifest, SCENE, TREES};
-use scene::SceneTree;
+use groups::{Folders, GroupPlan, build_groups};
+use lattice::{Lattice, TreePlace};
+use manifest::{Arguments, EMPTY_TREES, Manifest, ROOT_SAMPLES, SCENE, TREES};
+use scene::{SceneGroup, SceneTree};
 use surface::Surfaces;
 use tree::{TREE_FILE, Terrain, build_tree};
 
@@ -224,7 +226,13 @@ impl Inputs {
             .filter(|p| finished(&lattice.tree_name(**p), &folder(**p)))
             .count();
         progress.start(plan.trees.len() as u64, done as u64);
-        let mut trees = Vec::new();
+        let (tree_folder, scratch) = (args.out.join(TREES), args.out.join(ROOT_SAMPLES));
+        fs::create_dir_all(&scratch).map_err(BuildError::io(&scratch))?;
+        let folders = Folders {
+            trees: &tree_folder,
+            scratch: &scratch,
+        };
+        let (mut trees, mut places) = (Vec::new(), Vec::new());
         let mut new_voxels = 0;
         for place in &plan.trees {
             let (name, folder) = (lattice.tree_name(*place), folder(*place));
@@ -235,7 +243,7 @@ impl Inputs {
                 report.resumed += 1;
                 Some(read_header(&folder.join(TREE_FILE))?)
             } else {
-                let header = build_tree(&terrain, *place, &folder)?;
+                let header = build_tree(&terrain, *place, &folder, &folders.samples(&name))?;
                 new_voxels += header.map_or(0, |h| h.surface_voxels);
                 if header.is_none() {
                     empty.add(&name)?;
@@ -246,6 +254,7 @@ impl Inputs {
             if let Some(header) = header {
                 report.surface_voxels += header.surface_voxels;
                 let column = lattice.column_of(place.origin[0], place.origin[1]);
+                places.push(*place);
                 trees.push(SceneTree {
                     column,
                     file: format!("{TREES}/{name}/{TREE_FILE}"),
@@ -254,14 +263,46 @@ impl Inputs {
             }
         }
         report.trees = trees.len();
+        let groups = self.build_groups(&terrain, &places, &folders, &mut empty)?;
         empty.write()?;
         let crs = self.layers.iter().find_map(|l| l.map.georef.crs.clone());
         manifest::write_whole(
             &args.out.join(SCENE),
-            scene::scene(trees, crs).to_xml().as_bytes(),
+            scene::scene(trees, groups, crs).to_xml().as_bytes(),
         )?;
+        manifest::remove_root_samples(&args.out)?;
         progress.finish();
         Ok(report)
+    }
+
+    /// Builds the coarse trees over trees that are not there yet; gives all of them.
+    fn build_groups(
+        &self,
+        terrain: &Terrain,
+        trees: &[TreePlace],
+        folders: &Folders,
+        empty: &mut EmptyTrees,
+    ) -> Result<Vec<SceneGroup>, BuildError> {
+        let has_ground = |column| terrain.plan.bottom(column).is_some();
+        let plan = GroupPlan::new(&terrain.lattice, trees, has_ground);
+        let folder = |name: &str| folders.trees.join(name);
+        let finished = |name: &str| empty.names.contains(name) || folder(name).is_dir();
+        if !plan.places.iter().all(|place| finished(&place.name())) {
+            for name in build_groups(terrain, &plan, trees, folders)? {
+                empty.add(&name)?;
+            }
+        }
+        let full = (plan.places.iter()).filter(|place| !empty.names.contains(&place.name()));
+        full.map(|place| {
+            let name = place.name();
+            Ok(SceneGroup {
+                height: place.height,
+                column: place.column,
+                header: read_header(&folder(&name).join(TREE_FILE))?,
+                file: format!("{TREES}/{name}/{TREE_FILE}"),
+            })
+        })
+        .collect()
     }
 }
 

@@ -86,6 +86,38 @@ impl Sample {
         self.skin == 0 && self.solid == 0 && self.weight == 0.0
     }
 
+    /// Whether some of it is solid.
+    pub(crate) fn is_partly_solid(&self) -> bool {
+        self.solid > 0
+    }
+
+    /// For scratch files.
+    pub(crate) fn to_bytes(self) -> [u8; 20] {
+        let mut bytes = [0; 20];
+        bytes[..4].copy_from_slice(&self.weight.to_le_bytes());
+        let [a, b, c] = self.normal.map(|n| n as u16);
+        let codes = [self.skin, self.solid]
+            .into_iter()
+            .chain(self.rgb)
+            .chain([a, b, c]);
+        for (two, code) in bytes[4..].chunks_exact_mut(2).zip(codes) {
+            two.copy_from_slice(&code.to_le_bytes());
+        }
+        bytes
+    }
+
+    /// What [`Sample::to_bytes`] was given.
+    pub(crate) fn from_bytes(bytes: [u8; 20]) -> Self {
+        let code = |k: usize| u16::from_le_bytes([bytes[2 * k + 4], bytes[2 * k + 5]]);
+        Self {
+            weight: f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
+            skin: code(0),
+            solid: code(1),
+            rgb: [2, 3, 4].map(code),
+            normal: [5, 6, 7].map(|k| code(k) as i16),
+        }
+    }
+
     /// Whether it is solid all through and met by no surface.
     pub(crate) fn is_deep(&self) -> bool {
         self.solid == SOLID && self.skin == 0 && self.weight == 0.0

@@ -20,6 +20,7 @@ use super::error::BuildError;
 use super::filter::{Filter, Target};
 use super::finest::{Met, Sources, triangle_cells, voxelise};
 use super::ground::{GroundGrid, Hints};
+use super::groups::leave_root;
 use super::lattice::{Lattice, TreePlace};
 use super::manifest::{PARTIAL, remove_tree};
 use super::nodes::{LevelNodes, State, level_nodes, node_cube, octree};
@@ -44,7 +45,8 @@ pub(crate) struct Terrain<'a> {
     pub(crate) filter: Filter,
 }
 
-/// Builds a tree into `folder`; `None` if nothing is in it, and then there is no folder.
+/// Builds a tree into `folder` and leaves the samples of its root for the groups above; `None` if nothing is in it, and then
+/// there is no folder.
 ///
 /// # Errors
 /// If a file cannot be written.
@@ -52,6 +54,7 @@ pub(crate) fn build_tree(
     terrain: &Terrain,
     place: TreePlace,
     folder: &Path,
+    root_samples: &Path,
 ) -> Result<Option<TreeHeader>, BuildError> {
     let lattice = &terrain.lattice;
     let support = lattice.support(place, 0);
@@ -111,6 +114,20 @@ pub(crate) fn build_tree(
         write_bricks(terrain, place, level, &texels, &nodes.bricks(), &mut writer)?;
         levels.push(nodes);
     }
+    // Before the folder: what is finished has both.
+    leave_root(lattice, place, &samples, &hints, root_samples)?;
+    finish(terrain, place, &met, levels, writer, folder)
+}
+
+/// Writes the octree over levels, the finest first, and ends a tree's folder; `None`, and no folder, if nothing is in it.
+pub(crate) fn finish(
+    terrain: &Terrain,
+    place: TreePlace,
+    met: &Met,
+    mut levels: Vec<LevelNodes>,
+    writer: FolderWriter,
+    folder: &Path,
+) -> Result<Option<TreeHeader>, BuildError> {
     levels.reverse();
     if let Some(State::Constant {
         color: [_, _, _, 0], ..
@@ -120,7 +137,8 @@ pub(crate) fn build_tree(
         return Ok(None);
     }
     let path = folder.join(TREE_FILE);
-    let tree = octree(header(lattice, place, &met), &levels).map_err(BuildError::format(&path))?;
+    let header = header(&terrain.lattice, place, met);
+    let tree = octree(header, &levels).map_err(BuildError::format(&path))?;
     let bytes = octree_binary::encode(&tree).map_err(BuildError::format(&path))?;
     writer.file(TREE_FILE, |file| file.write_all(&bytes))?;
     writer.finish()?;
@@ -143,7 +161,7 @@ fn header(lattice: &Lattice, place: TreePlace, met: &Met) -> TreeHeader {
 }
 
 /// Writes the brick file of a level, if it has bricks.
-fn write_bricks(
+pub(crate) fn write_bricks(
     terrain: &Terrain,
     place: TreePlace,
     level: u8,
@@ -213,13 +231,13 @@ fn write_bricks(
 }
 
 /// Writes a folder under another name and renames it when it is complete.
-struct FolderWriter {
+pub(crate) struct FolderWriter {
     partial: PathBuf,
     folder: PathBuf,
 }
 
 impl FolderWriter {
-    fn new(folder: &Path) -> Result<Self, BuildError> {
+    pub(crate) fn new(folder: &Path) -> Result<Self, BuildError> {
         let mut name = folder.as_os_str().to_os_string();
         name.push(PARTIAL);
         let partial = PathBuf::from(name);

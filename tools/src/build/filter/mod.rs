@@ -56,12 +56,12 @@ impl Filter {
 #[derive(Debug)]
 pub(crate) struct Level {
     pub(crate) samples: Blocks<Sample>,
-    kept: Kept,
+    pub(crate) kept: Kept,
 }
 
 /// What is kept of a level, in blocks as its samples are.
 #[derive(Debug)]
-enum Kept {
+pub(crate) enum Kept {
     Nothing,
     Means(Blocks<f32>),
     Covers(Blocks<Cover>),
