@@ -45,7 +45,8 @@ fn view(middle: DVec3, metres: f64) -> Camera {
 /// The bias at which the outermost group is far, to the last bit or so.
 fn takes_over(terrain: &Terrain, camera: &Camera) -> f64 {
     let voxel = terrain.scene.root.coarse[0].voxel;
-    let (nearest, _) = (terrain.graph.bounds().unwrap()).depth_range(camera.eye, camera.forward);
+    let bounds = terrain.graph.bounds().expect("a terrain with trees");
+    let (nearest, _) = bounds.depth_range(camera.eye, camera.forward);
     (voxel / (nearest * camera.pixel_size())).log2()
 }
 
