@@ -451,7 +451,7 @@ impl Renderer {
             sun: axis(settings.sun, settings.ambient),
             diffuse: settings.diffuse as f32,
             footprint: (camera.pixel_size() * bias.exp2()) as f32,
-            mix_levels: u32::from(settings.mix_levels),
+            fade: settings.fade() as f32,
             brick_side: sizes.brick_side,
             slots: [sizes.slots[0], sizes.slots[1], sizes.slots[2], 0],
             texel: [texels[0], texels[1], texels[2], 0.0],

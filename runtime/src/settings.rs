@@ -8,8 +8,9 @@ use glam::DVec3;
 pub struct RenderSettings {
     /// log2 offset on the pixel's footprint before a level is chosen; negative is finer.
     pub bias: f64,
-    /// Mix the two levels around the wanted one; off: the nearest level alone.
-    pub mix_levels: bool,
+    /// Part of a level, 0 to 1 (beyond is taken as that), over which a level fades into the next one: 1 mixes two levels
+    /// everywhere, 0 takes the nearest alone and shows the change.
+    pub fade: f64,
     /// log2 of the voxels between two samples, -3 to 3 (beyond is taken as that): 0 samples each voxel that a ray crosses
     /// once, 1 every other, -1 twice.
     pub step: i32,
@@ -24,8 +25,8 @@ pub struct RenderSettings {
 impl Default for RenderSettings {
     fn default() -> Self {
         Self {
-            bias: -0.5,
-            mix_levels: true,
+            bias: -1.0,
+            fade: 0.25,
             step: 0,
             sun: sun_direction(135.0, 45.0),
             ambient: 0.3,
@@ -35,6 +36,11 @@ impl Default for RenderSettings {
 }
 
 impl RenderSettings {
+    /// [`Self::fade`] in its range.
+    pub(crate) fn fade(&self) -> f64 {
+        self.fade.clamp(0.0, 1.0)
+    }
+
     /// log2 of the voxels that a sampled segment spans along an axis, and the samples in it.
     pub(crate) fn segment(&self) -> (u32, u32) {
         let step = self.step.clamp(-3, 3);
@@ -56,6 +62,9 @@ impl RenderSettings {
         }
         if !(self.bias.is_finite() && (pixel * self.bias.exp2()).is_finite()) {
             return Err("the level bias is not finite");
+        }
+        if self.fade.is_nan() {
+            return Err("the part of a level that fades is not a number");
         }
         if !(self.sun.is_finite() && self.ambient.is_finite() && self.diffuse.is_finite()) {
             return Err("the light is not finite");

@@ -30,7 +30,7 @@ pub struct Frame {
     /// Footprint of a pixel per metre of depth, times 2^bias.
     pub footprint: f32,
     /// 1: mix the two levels around the wanted one.
-    pub mix_levels: u32,
+    pub fade: f32,
     /// Samples of a brick slot per axis.
     pub brick_side: u32,
     /// Brick slots per axis of the brick pool; w unused.

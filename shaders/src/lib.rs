@@ -85,7 +85,7 @@ mod tests {
                 sun,
                 diffuse,
                 footprint,
-                mix_levels,
+                fade,
                 brick_side,
                 slots,
                 texel,

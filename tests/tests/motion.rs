@@ -119,30 +119,38 @@ fn from_above(middle: DVec3, metres: f64) -> Camera {
     world::camera(middle + up, middle, fov, PIXELS)
 }
 
-/// Levels so coarse that one can see them change, in a zoom from 12 to 18 m: λ goes from 2.53, where the nearest level is
-/// 3, to 1.95, where the finer of the mixed ones is 2.
-fn coarse(mix_levels: bool) -> RenderSettings {
-    RenderSettings {
-        bias: 2.786,
-        mix_levels,
-        ..RenderSettings::default()
-    }
-}
-
 #[test]
 fn a_slow_zoom_has_no_popping() {
     exactly("a_slow_zoom_has_no_popping", || {
         let (world, middle) = terrain();
         let mut renderer = world.renderer();
-        let mut zoom = |mix_levels: bool| {
+        // In every zoom λ passes the middle between two levels.
+        let mut zoom = |name: &str, metres: f64, settings: RenderSettings| {
             let path = (0..FRAMES)
-                .map(|k| from_above(middle, 12.0 * 1.5f64.powf(f64::from(k) / f64::from(FRAMES - 1))));
-            let changes = changes(&mut renderer, &coarse(mix_levels), path);
-            println!("mixed {mix_levels}: {changes:.4?}");
+                .map(|k| from_above(middle, metres * 1.5f64.powf(f64::from(k) / f64::from(FRAMES - 1))));
+            let changes = changes(&mut renderer, &settings, path);
+            println!("{name}: spike {:.3} in {changes:.4?}", spike(&changes));
             spike(&changes)
         };
-        let (mixed, nearest) = (zoom(true), zoom(false));
-        assert!(mixed < 1.2 && nearest > 1.5, "mixed {mixed}, nearest {nearest}");
+        let default = RenderSettings::default();
+        let nearest = RenderSettings { fade: 0.0, ..default };
+        let wide = |fade: f64| RenderSettings {
+            bias: 2.786,
+            fade,
+            ..default
+        };
+        // Voxels so wide that one can see levels change.
+        let (all, quarter, none) = (
+            zoom("wide voxels, mixed everywhere", 12.0, wide(1.0)),
+            zoom("wide voxels, default fade", 12.0, wide(default.fade)),
+            zoom("wide voxels, nearest level", 12.0, wide(0.0)),
+        );
+        assert!(all < 1.2 && quarter < 1.5 && none > 1.5, "{all} {quarter} {none}");
+        let (shown, popping) = (
+            zoom("default", 70.0, default),
+            zoom("default, nearest level", 70.0, nearest),
+        );
+        assert!(shown < 1.2, "{shown}, nearest {popping}");
     });
 }
 

@@ -6,9 +6,6 @@ use glam::DVec3;
 
 use super::tree::Tree;
 
-/// Levels by which a coarse tree's finest level gives way per octave of distance beyond where the tree takes over.
-const LEVELS_PER_OCTAVE: f64 = 4.0;
-
 /// A group: the trees in it by number, and those that stand for them.
 pub(super) struct Group {
     trees: Vec<usize>,
@@ -82,7 +79,7 @@ impl Group {
             let octaves = (nearest * footprint / self.voxel).log2();
             out.extend(self.coarse.iter().map(|k| {
                 let depth = f64::from(trees[*k].header.depth);
-                (*k, (depth - LEVELS_PER_OCTAVE * octaves).max(0.0))
+                (*k, (depth - octaves).max(0.0))
             }));
             return;
         }

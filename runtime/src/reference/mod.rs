@@ -191,7 +191,7 @@ struct Scene<'a> {
     /// Those that are drawn, with their least fractional levels.
     cut: Vec<(usize, f64)>,
     shading: Shading,
-    mix_levels: bool,
+    fade: f64,
     segment: (u32, u32),
     /// Footprint of a pixel times 2^bias, metres per metre of depth.
     footprint: f64,
@@ -211,7 +211,7 @@ impl<'a> Scene<'a> {
             trees,
             cut,
             shading: Shading::new(settings),
-            mix_levels: settings.mix_levels,
+            fade: settings.fade(),
             segment: settings.segment(),
             footprint,
         })
@@ -224,7 +224,7 @@ impl<'a> Scene<'a> {
     fn ray_along(&self, eye: DVec3, direction: DVec3) -> Ray {
         let Self {
             footprint,
-            mix_levels,
+            fade,
             segment,
             shading,
             ..
@@ -234,7 +234,7 @@ impl<'a> Scene<'a> {
             direction,
             length: direction.length(),
             footprint,
-            mix_levels,
+            fade,
             segment,
             shading,
         }

@@ -31,13 +31,13 @@ pub(super) fn shoot(
     eye: DVec3,
     direction: DVec3,
     footprint: f64,
-    mix_levels: bool,
+    fade: f64,
 ) -> ([f64; 4], RayCounters) {
     let settings = RenderSettings::default();
     let camera = Camera::look_at(DVec3::ZERO, DVec3::Y, 60.0, 1, 1).unwrap();
     let scene = Scene {
         footprint,
-        mix_levels,
+        fade,
         ..Scene::new(reference, &camera, &settings).unwrap()
     };
     let mut counters = RayCounters::default();

@@ -33,15 +33,15 @@ fn opacity_is_continuous_across_levels() {
         store.add("t.oct", head, kind, |level, _| alpha[usize::from(level)]);
         let reference = store.open(&["t.oct"]);
         let eye = dvec3(20.3, 30.2, 1e6);
-        let sweep = |mix: bool| -> Vec<f64> {
+        let sweep = |fade: f64| -> Vec<f64> {
             (-1200..=2800)
                 .map(|k| {
                     let footprint = (f64::from(k) / 512.0).exp2() * 1e-6;
-                    1.0 - shoot(&reference, eye, DVec3::NEG_Z, footprint, mix).0[3]
+                    1.0 - shoot(&reference, eye, DVec3::NEG_Z, footprint, fade).0[3]
                 })
                 .collect()
         };
-        let (mixed, nearest) = (sweep(true), sweep(false));
+        let (mixed, nearest) = (sweep(1.0), sweep(0.0));
         for (end, level) in [(0, 3u8), (mixed.len() - 1, 0)] {
             let voxels = 64.0 / head.level_voxel_size(level);
             let a = f64::from(alpha[usize::from(level)].color[3]) / 255.0;
@@ -79,13 +79,13 @@ fn the_wanted_level_is_where_a_voxel_fits_the_footprint() {
     };
     lit.add("t.oct", head, kind, |_, _| Stored::default());
     let lit = lit.open(&["t.oct"]);
-    let nodes = |footprint: f64, mix| {
+    let nodes = |footprint: f64, fade| {
         shoot(
             &lit,
             dvec3(3.0, 3.0, 1e6),
             DVec3::NEG_Z,
             footprint / (1e6 - 128.0),
-            mix,
+            fade,
         )
         .1
         .nodes
@@ -102,7 +102,7 @@ fn the_wanted_level_is_where_a_voxel_fits_the_footprint() {
         (100.0, 1, 1),
     ] {
         assert_eq!(
-            (nodes(footprint, true), nodes(footprint, false)),
+            (nodes(footprint, 1.0), nodes(footprint, 0.0)),
             (mixed, nearest),
             "{footprint}"
         );
@@ -113,7 +113,7 @@ fn the_wanted_level_is_where_a_voxel_fits_the_footprint() {
             dvec3(3.0, 3.0, 1e6),
             DVec3::NEG_Z,
             1e-6,
-            true
+            1.0
         )
         .0,
         [0.0; 4]
@@ -133,7 +133,7 @@ fn closed_forms_end_where_the_level_changes() {
             dvec3(20.0, 20.0, 64.0),
             DVec3::NEG_Z,
             footprint,
-            true,
+            1.0,
         )
         .0[3]
     };
@@ -202,7 +202,7 @@ fn closed_forms_end_where_the_level_changes() {
         eye,
         DVec3::NEG_Z,
         32f64.sqrt() * 1e-9,
-        true,
+        1.0,
     )
     .0;
     let expected = (1.0 - 0.5 * (1.0 - (1.0 - a(30)).sqrt())).powi(4);
@@ -231,7 +231,7 @@ fn values_are_continuous_from_a_constant_node_to_its_sibling() {
         let reference = store.open(&["t.oct"]);
         let at = |x: f64, y: f64| {
             let footprint = 2f64.sqrt() * 1e-6;
-            1.0 - shoot(&reference, dvec3(x, y, 1e6), DVec3::NEG_Z, footprint, true).0[3]
+            1.0 - shoot(&reference, dvec3(x, y, 1e6), DVec3::NEG_Z, footprint, 1.0).0[3]
         };
         for y in [5.3, 0.4, 15.7] {
             let values: Vec<f64> = (0..=8 * 256).map(|k| at(4.0 + f64::from(k) / 256.0, y)).collect();
@@ -254,7 +254,7 @@ fn values_are_continuous_from_a_constant_node_to_its_sibling() {
                 dvec3(3.0 + dx, 5.0, 30.0),
                 dvec3(0.1, 0.02, -1.0),
                 0.05,
-                true,
+                1.0,
             )
             .0[3]
         };
@@ -310,10 +310,10 @@ fn eight_trees(layout: SampleLayout) -> Reference {
 fn a_terrain_cut_into_trees_is_the_same_terrain() {
     for layout in LAYOUTS {
         let (one, eight) = (one_tree(layout), eight_trees(layout));
-        for (bias, mix_levels) in [(-4.0, true), (-0.5, true), (-0.5, false), (-0.25, true)] {
+        for (bias, fade) in [(-4.0, 1.0), (-0.5, 1.0), (-0.5, 0.0), (-0.5, 0.25), (-0.25, 1.0)] {
             let settings = RenderSettings {
                 bias,
-                mix_levels,
+                fade,
                 ..RenderSettings::default()
             };
             for eye in [
@@ -341,7 +341,7 @@ fn footprints_from_tiny_to_huge_are_finite() {
         for exponent in -30..30 {
             for direction in [dvec3(1.0, 0.3, 0.2), dvec3(0.2, -1.0, 0.001), DVec3::NEG_Z] {
                 let footprint = f64::from(exponent).exp2();
-                let (rgba, _) = shoot(&reference, dvec3(9.1, 8.0, 16.0), direction, footprint, true);
+                let (rgba, _) = shoot(&reference, dvec3(9.1, 8.0, 16.0), direction, footprint, 1.0);
                 assert!(rgba[3] > 0.1, "{footprint} {direction}: {rgba:?}");
             }
         }

@@ -84,7 +84,7 @@ fn all_sign_patterns_from_faces_edges_and_corners_are_exact() {
     for k in 0..512 {
         let eye = dvec3(places[k & 7], places[k >> 3 & 7], places[k >> 6]);
         for direction in sign_patterns() {
-            let (rgba, counters) = shoot(&reference, eye, direction, 0.0, true);
+            let (rgba, counters) = shoot(&reference, eye, direction, 0.0, 1.0);
             // Rays in a plane between nodes belong to the upper ones, as half-open boxes say.
             let expected = brute_force(eye, direction, 1e-9);
             assert!(
@@ -112,7 +112,7 @@ proptest! {
         let mut direction = (DVec3::from(target) - eye) / 50.0;
         direction[axis] *= tiny;
         prop_assume!(direction.length() > 1e-3);
-        let (rgba, _) = shoot(&irregular_tree(), eye, direction, 0.0, true);
+        let (rgba, _) = shoot(&irregular_tree(), eye, direction, 0.0, 1.0);
         let expected = brute_force(eye, direction, 0.0);
         let tolerance = if expected < 1e-3 { 1e-3 } else { 1e-9 };
         prop_assert!((1.0 - rgba[3] - expected).abs() < tolerance, "{eye} {direction}");
@@ -158,7 +158,7 @@ fn a_ray_in_a_shared_face_belongs_to_the_upper_tree_only() {
                 eye[axis] = side;
                 eye[along] = start;
                 let direction = DVec3::AXES[along];
-                let (rgba, _) = shoot(&reference, eye, direction, 0.0, true);
+                let (rgba, _) = shoot(&reference, eye, direction, 0.0, 1.0);
                 let path = side - start.max(0.0);
                 assert!(
                     rgba[0] == 0.0 && (rgba[3] - opacity(path)).abs() < 1e-9,
@@ -170,14 +170,14 @@ fn a_ray_in_a_shared_face_belongs_to_the_upper_tree_only() {
         let mut eye = DVec3::splat(0.4);
         eye[axis] = side;
         for (sign, seen, unseen) in [(1.0, 1, 0), (-1.0, 0, 1)] {
-            let (rgba, _) = shoot(&reference, eye, DVec3::AXES[axis] * sign, 0.0, true);
+            let (rgba, _) = shoot(&reference, eye, DVec3::AXES[axis] * sign, 0.0, 1.0);
             assert!(rgba[unseen] == 0.0 && rgba[seen] > 0.01, "{axis} {sign} {rgba:?}");
             assert!((rgba[3] - opacity(side)).abs() < 1e-9);
         }
         // Through both: the nearer colour covers the farther one.
         for (start, sign, front) in [(-3.0, 1.0, 0), (6.0, -1.0, 1)] {
             eye[axis] = start;
-            let (rgba, _) = shoot(&reference, eye, DVec3::AXES[axis] * sign, 0.0, true);
+            let (rgba, _) = shoot(&reference, eye, DVec3::AXES[axis] * sign, 0.0, 1.0);
             assert!(rgba[front] > rgba[1 - front] * 1.5, "{axis} {sign} {rgba:?}");
         }
     }
@@ -269,7 +269,7 @@ fn depth_twenty_is_walked_to_the_end() {
     for direction in sign_patterns() {
         for distance in [1e-3, 5.0, 1e4] {
             let eye = middle - direction.normalize() * distance;
-            let (rgba, counters) = shoot(&reference, eye, direction, 0.0, true);
+            let (rgba, counters) = shoot(&reference, eye, direction, 0.0, 1.0);
             assert_eq!(rgba[3], 1.0, "{direction} {distance}");
             // A corner of the first voxel may be all that the ray has of it: then it goes on into the second.
             assert!(
@@ -279,7 +279,7 @@ fn depth_twenty_is_walked_to_the_end() {
             // A voxel beside it there is nothing.
             let side = direction.any_orthonormal_vector() * 0.016;
             assert_eq!(
-                shoot(&reference, eye + side, direction, 0.0, true).0,
+                shoot(&reference, eye + side, direction, 0.0, 1.0).0,
                 [0.0; 4],
                 "{direction}"
             );

@@ -33,7 +33,7 @@ fn constant_nodes_follow_the_closed_form_off_axis() {
             let path = path_in_box(eye, direction, lo, hi);
             let a = f64::from(alpha) / 255.0;
             let transmittance = (path / head.level_voxel_size(level) * (1.0 - a).ln()).exp();
-            let (rgba, counters) = shoot(&reference, eye, direction, 0.0, true);
+            let (rgba, counters) = shoot(&reference, eye, direction, 0.0, 1.0);
             let cut = if transmittance < 1.0 / 1024.0 { 1e-3 } else { 1e-12 };
             assert!(
                 (1.0 - rgba[3] - transmittance).abs() < cut,
@@ -55,7 +55,7 @@ fn a_brick_of_equal_samples_is_a_constant_node() {
     let solid = |_| [60, 50, 40, 255];
     let pick = |thick: bool| if thick { solid } else { thin };
     for layout in LAYOUTS {
-        for (thick, mix_levels) in [(false, true), (false, false), (true, true), (true, false)] {
+        for (thick, fade) in [(false, 1.0), (false, 0.0), (false, 0.3), (true, 1.0), (true, 0.0)] {
             let picture = |bricks: bool| {
                 let mut store = Store::default();
                 let kind = |level, p: glam::UVec3| match (level, p.x & 1) {
@@ -72,7 +72,7 @@ fn a_brick_of_equal_samples_is_a_constant_node() {
                 let eye = dvec3(-30.0, -20.0, 35.0);
                 let camera = Camera::look_at(eye, head.origin + 8.0, 40.0, 24, 16).unwrap();
                 let settings = RenderSettings {
-                    mix_levels,
+                    fade,
                     bias: -2.3,
                     ..RenderSettings::default()
                 };
@@ -106,7 +106,7 @@ fn filtering_is_linear_between_sample_positions() {
             .map(|voxel| 1.0 - (40.0 + 8.0 * (f64::from(voxel) + 0.5 - layout.sample_offset())) / 255.0)
             .product();
         for (eye, direction) in [(-3.0, 1.0), (9.0, -1.0)] {
-            let (rgba, counters) = shoot(&reference, dvec3(eye, 0.7, 1.1), DVec3::X * direction, 0.0, true);
+            let (rgba, counters) = shoot(&reference, dvec3(eye, 0.7, 1.1), DVec3::X * direction, 0.0, 1.0);
             assert!(
                 (1.0 - rgba[3] - transmittance).abs() < 1e-12,
                 "{layout:?} {rgba:?} {transmittance}"
@@ -135,7 +135,7 @@ fn solid_ground_is_opaque_within_a_voxel_from_everywhere() {
             let unit = 255.0 / f64::from(SOLID_ALPHA);
             for direction in sign_patterns() {
                 let eye = direction * -20.0 + 0.3;
-                let (rgba, counters) = shoot(&reference, eye, direction, 0.0, true);
+                let (rgba, counters) = shoot(&reference, eye, direction, 0.0, 1.0);
                 assert_eq!(rgba[3], 1.0, "{direction}");
                 // Where the ray enters it has only a corner of the first voxel, of the second its whole width.
                 let voxels = if brick { 1..=2 } else { 0..=0 };
@@ -170,7 +170,7 @@ fn short_normals_fade_to_unlit() {
             dvec3(4.2, 4.2, 40.0),
             DVec3::NEG_Z,
             0.0,
-            true,
+            1.0,
         )
         .0[0]
     };

@@ -25,8 +25,8 @@ pub(super) struct Ray {
     pub(super) length: f64,
     /// Footprint of a pixel times 2^bias, metres per metre of depth.
     pub(super) footprint: f64,
-    /// Mix the two levels around the wanted one.
-    pub(super) mix_levels: bool,
+    /// Part of a level over which it fades into the next, 0..1.
+    pub(super) fade: f64,
     /// log2 of the voxels that a sampled segment spans along an axis, and the samples in it.
     pub(super) segment: (u32, u32),
     /// The light.
@@ -234,34 +234,38 @@ impl<'t, 'r> Walk<'t, 'r> {
         1 << (self.tree.header.depth - level)
     }
 
-    /// Depth at which the footprint is a voxel of a level; nowhere if levels do not fall as far.
-    fn fits(&self, level: u8) -> f64 {
-        let reach = if self.ray.mix_levels { 0.0 } else { 0.5 };
-        if self.least_level > f64::from(level) + reach {
+    /// Depth at which the fractional level has fallen so far; nowhere if levels do not.
+    fn falls_to(&self, level: f64) -> f64 {
+        if self.least_level > level {
             return f64::INFINITY;
         }
-        self.tree.header.level_voxel_size(level) / self.ray.footprint
+        self.tree.header.level_voxel_size(0) / self.ray.footprint * (-level).exp2()
+    }
+
+    /// Depth from which on a level is mixed with the coarser one: half of the fade before the middle between the two.
+    fn fades(&self, level: u8) -> f64 {
+        self.falls_to(f64::from(level) - 0.5 + 0.5 * self.ray.fade)
+    }
+
+    /// Depth from which on the coarser level stands alone.
+    fn faded(&self, level: u8) -> f64 {
+        self.falls_to(f64::from(level) - 0.5 - 0.5 * self.ray.fade)
     }
 
     /// Sets the level that is wanted here, the finer of two mixed ones, and gives its weight; `None` if it stands
     /// alone.
     fn choose_level(&mut self) -> Option<f64> {
-        // Half a level coarser at half the depth: rounding instead of mixing.
-        let scale = if self.ray.mix_levels {
-            1.0
-        } else {
-            std::f64::consts::FRAC_1_SQRT_2
-        };
-        while self.wanted > 0 && self.z >= self.fits(self.wanted - 1) * scale {
+        while self.wanted > 0 && self.z >= self.faded(self.wanted) {
             self.wanted -= 1;
         }
-        if !self.ray.mix_levels || self.wanted == 0 || self.z < self.fits(self.wanted) {
+        if self.ray.fade == 0.0 || self.wanted == 0 || self.z < self.fades(self.wanted) {
             return None;
         }
         let lambda = (self.tree.header.level_voxel_size(0) / (self.ray.footprint * self.z))
             .log2()
             .max(self.least_level);
-        Some((lambda - f64::from(self.wanted - 1)).clamp(0.0, 1.0))
+        let above = lambda - f64::from(self.wanted - 1);
+        Some(((above - 0.5) / self.ray.fade + 0.5).clamp(0.0, 1.0))
     }
 
     /// Walks from the root to the node of the ray's cell.
@@ -283,7 +287,7 @@ impl<'t, 'r> Walk<'t, 'r> {
             counters.nodes += 1;
         }
         let parent = match parent {
-            Some((l, n)) if self.ray.mix_levels && level == self.wanted => {
+            Some((l, n)) if self.ray.fade > 0.0 && level == self.wanted => {
                 Some(Shown::fetch(self.tree, l, n.data())?)
             }
             _ => None,
@@ -317,13 +321,13 @@ impl<'t, 'r> Walk<'t, 'r> {
         };
         let Some(parent) = parent else {
             // The parent comes in when the footprint has grown.
-            let ahead = Some(self.fits(place.level)).filter(|z| *z > self.z);
+            let ahead = Some(self.fades(place.level)).filter(|z| *z > self.z);
             return uniform(place.bounds, ahead.unwrap_or(f64::INFINITY), value);
         };
         let coarser = place.level - 1;
         match parent {
             Shown::Constant(p) if p.alpha == 0.0 && value.alpha == 0.0 => {
-                uniform(place.bounds, self.fits(coarser), value)
+                uniform(place.bounds, self.faded(place.level), value)
             }
             Shown::Constant(_) => sampled,
             Shown::Brick(_) => {
@@ -331,7 +335,7 @@ impl<'t, 'r> Walk<'t, 'r> {
                 let rim = self.tree.header.layout.rim() * self.voxel(coarser) as f64;
                 let inner = place.bounds.shrunk(rim as i64);
                 if inner.contains(cell) {
-                    uniform(inner, self.fits(coarser), value)
+                    uniform(inner, self.faded(place.level), value)
                 } else {
                     sampled
                 }

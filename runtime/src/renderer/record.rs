@@ -42,16 +42,11 @@ pub(super) fn tree_record(camera: &Camera, header: &TreeHeader, root: u32, least
     }
 }
 
-/// Levels that a coarse tree falls by for each octave that its group lies beyond where the tree takes over: where it does, its
-/// finest level alone is drawn, which holds the samples of what is inside; from a fifth farther away on (of a tree with two
-/// levels) the level is what the footprint asks for.
-const LEVELS_PER_OCTAVE: f64 = 4.0;
-
-/// The least fractional level of a tree; `beyond` is [`VisibleTree::beyond`](brickfell_culler::VisibleTree::beyond).
+/// The least fractional level of a tree; `beyond` is [`VisibleTree::beyond`](brickfell_culler::VisibleTree::beyond). All of a coarse
+/// tree has the level of its group's nearest depth: where it takes over its finest level alone is drawn, which holds the
+/// samples of what is inside.
 pub(super) fn least_level(depth: u8, beyond: Option<f64>) -> f64 {
-    beyond.map_or(0.0, |octaves| {
-        (f64::from(depth) - LEVELS_PER_OCTAVE * octaves).max(0.0)
-    })
+    beyond.map_or(0.0, |octaves| (f64::from(depth) - octaves).max(0.0))
 }
 
 /// Makes integers of what is one but for f64's rounding: a metre that is not a power of two has no exact number of voxels,

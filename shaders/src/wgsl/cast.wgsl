@@ -52,48 +52,46 @@ fn composite(light: Light) {
     }
 }
 
-// `s`: length of the path in voxels of the value's level.
-fn convert_constant(word: u32, gain: f32, s: f32) -> Light {
-    let stored = unpack4x8unorm(word);
-    if (stored.a == 0.0) {
-        return Light(vec3(0.0), 0.0);
+// What a node shows of itself along a path. `local`: position in its brick, voxels from the low corner; `s`: length of the
+// path in voxels of the node's level.
+fn convert(word: vec2<u32>, local: vec3<f32>, texel_offset: f32, gain: f32, s: f32) -> Light {
+    var stored: vec4<f32>;
+    var normal = vec3(0.0);
+    var opacities = vec3(0.0);
+    let axes = (word.x & AXES) != 0u;
+    if ((word.x & BRICK) == 0u) {
+        let code = unpack4x8unorm(word.y);
+        let low = code.rgb / 12.92;
+        let high = pow((code.rgb + 0.055) / 1.055, vec3(2.4));
+        stored = vec4(select(high, low, code.rgb <= vec3(0.04045)), code.a);
+    } else {
+        let slot = word.y - 1u;
+        let cell = vec3(slot % frame.slots.x, slot / frame.slots.x % frame.slots.y, slot / (frame.slots.x * frame.slots.y));
+        // Rounded before the slot's offset is added: a brick gives the same bits in every slot.
+        let rounded = floor(local * 256.0 + 0.5) / 256.0;
+        let uvw = (vec3<f32>(cell * frame.brick_side) + (rounded + texel_offset)) * frame.texel.xyz;
+        stored = textureSampleLevel(brick_color, linear_sampler, uvw, 0.0);
+        texture_reads += 1u;
+        if (stored.a > 0.0) {
+            texture_reads += 1u;
+            normal = textureSampleLevel(brick_normal, linear_sampler, uvw, 0.0).xyz;
+            if (axes) {
+                texture_reads += 1u;
+                opacities = textureSampleLevel(brick_opacity, linear_sampler, uvw, 0.0).xyz;
+            }
+        }
     }
-    let a = path_opacity(min(1.0, gain * stored.a), s);
-    let low = stored.rgb / 12.92;
-    let high = pow((stored.rgb + 0.055) / 1.055, vec3(2.4));
-    return Light(select(high, low, stored.rgb <= vec3(0.04045)) * (a / stored.a), a);
-}
-
-// `local`: position in the brick, voxels from its low corner; `axes`: the brick has opacities against the axes.
-fn convert_brick(slot: u32, axes: bool, local: vec3<f32>, texel_offset: f32, gain: f32, s: f32) -> Light {
-    let cell = vec3(slot % frame.slots.x, slot / frame.slots.x % frame.slots.y, slot / (frame.slots.x * frame.slots.y));
-    // Rounded before the slot's offset is added: a brick gives the same bits in every slot.
-    let rounded = floor(local * 256.0 + 0.5) / 256.0;
-    let uvw = (vec3<f32>(cell * frame.brick_side) + (rounded + texel_offset)) * frame.texel.xyz;
-    let stored = textureSampleLevel(brick_color, linear_sampler, uvw, 0.0);
-    texture_reads += 1u;
     if (stored.a <= 0.0) {
         return Light(vec3(0.0), 0.0);
     }
-    texture_reads += 1u;
-    let n = textureSampleLevel(brick_normal, linear_sampler, uvw, 0.0).xyz;
     let opacity = min(1.0, gain * stored.a);
     var a: f32;
     if (axes) {
-        texture_reads += 1u;
-        let opacities = textureSampleLevel(brick_opacity, linear_sampler, uvw, 0.0).xyz;
         a = path_opacity_axes(min(vec3(1.0), gain * opacities), heading, s);
     } else {
         a = path_opacity(opacity, s);
     }
-    return Light(stored.rgb * (a / stored.a * sun_light(n, opacity)), a);
-}
-
-fn convert(word: vec2<u32>, local: vec3<f32>, texel_offset: f32, gain: f32, s: f32) -> Light {
-    if ((word.x & BRICK) == 0u) {
-        return convert_constant(word.y, gain, s);
-    }
-    return convert_brick(word.y - 1u, (word.x & AXES) != 0u, local, texel_offset, gain, s);
+    return Light(stored.rgb * (a / stored.a * sun_light(normal, opacity)), a);
 }
 
 // The node shows something of its own: a constant, or a brick that is resident.
@@ -176,27 +174,32 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     var word = vec2(0u);    // of the node in hand
     var parent = vec2(0u);  // of its parent
     var wanted = MAX_LEVELS; // level asked for at the last descent
+    var fading = false;     // whether it was to be mixed with its parent
     var alone = true;       // the node is used without its parent
+    var parts = frame.segment_samples; // of the segment, from here on
+    var fine = 0u;          // level wanted where the segment begins, and its share
+    var weight = 1.0;
     let deepest = f32(tree.depth);
     let log2_footprint = tree.log2_root_voxel - log2(frame.footprint);
 
     for (var step = 0u; ; step++) {
-        if (step >= tree.max_steps) {
+        if (step >= tree.max_steps * frame.segment_samples) {
             capped = true;
             return;
         }
-        // The wanted level, fractional, and the two levels around it.
-        let lambda = clamp(log2_footprint - log2(max(tree.depth0 + t, 1e-30)), tree.least_level, deepest);
-        var fine = u32(ceil(lambda));
-        var weight = select(lambda - (f32(fine) - 1.0), 1.0, fine == 0u);
-        if (frame.mix_levels == 0u) {
-            fine = u32(floor(lambda + 0.5));
-            weight = 1.0;
+        // The wanted level where a segment begins, fractional, and the two levels around it.
+        if (parts == frame.segment_samples) {
+            let lambda = clamp(log2_footprint - log2(max(tree.depth0 + t, 1e-30)), tree.least_level, deepest);
+            let coarser = floor(lambda);
+            weight = clamp((lambda - coarser - 0.5) / max(frame.fade, 1e-6) + 0.5, 0.0, 1.0);
+            fine = u32(coarser) + u32(weight > 0.0);
+            weight = select(weight, 1.0, weight == 0.0);
         }
 
-        if (fine != wanted || stacked < reached) {
+        if (fine != wanted || (weight < 1.0) != fading || stacked < reached) {
             // Descend from the common ancestor.
             wanted = fine;
+            fading = weight < 1.0;
             level = min(stacked, fine);
             word = read_node(stack[level]);
             while (level < fine && (word.x & POINTER) != 0u) {
@@ -207,7 +210,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
             }
             stacked = level;
             reached = level;
-            alone = level < fine || level == 0u;
+            alone = level < fine || level == 0u || !fading;
             if ((level < fine && (word.x & TERMINAL) == 0u) || !has_data(word)) {
                 ask(tree_index, fine, cell, tree.depth + 3u - fine);
                 alone = true;
@@ -233,7 +236,6 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
 
         // The box of the segment, in finest voxels: one voxel of the node's level (2^segment_shift of them), or where the
         // value is constant more.
-        let single = alone || weight >= 1.0;
         let voxel_shift = tree.depth - level;
         let node_shift = voxel_shift + 3u;
         let node_low = (cell >> vec3(node_shift)) << vec3(node_shift);
@@ -243,7 +245,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         var size = 1i << segment_shift;
         var closed = false;
         if (is_constant) {
-            if (single) {
+            if (alone) {
                 closed = true;
             } else if ((parent.x & BRICK) == 0u) {
                 closed = (word.y | parent.y) >> 24u == 0u;
@@ -256,7 +258,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
                     closed = true;
                 }
             }
-            if (closed && (single || (parent.x & BRICK) == 0u)) {
+            if (closed && (alone || (parent.x & BRICK) == 0u)) {
                 low = node_low;
                 size = 8i << voxel_shift;
             }
@@ -270,7 +272,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         if (closed) {
             // A closed form holds until another pair of levels is mixed; just past that depth, so that rounding cannot
             // bring the same pair back.
-            let change = exp2(log2_footprint - f32(level) + select(1.0, 0.0, single));
+            let change = exp2(log2_footprint - f32(level) + 0.5 + select(0.5, -0.5, alone) * frame.fade);
             let t_change = change * 1.000004 - tree.depth0;
             if (t_change > t && t_change < t_next) {
                 t_next = t_change;
@@ -278,35 +280,45 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
             }
         }
 
-        if (t_next > t) {
-            let scale = exp2(-f32(voxel_shift));
-            let parts = select(frame.segment_samples, 1u, closed);
-            let dt = (t_next - t) / f32(parts);
-            let s = dt * path_length * tree.inv_voxel * scale;
-            if (closed && word.y >> 24u != 0u) {
-                composite(convert_constant(word.y, tree.gain, s));
+        parts = select(parts, 1u, closed);
+        if (parts > 1u) {
+            t_next = t + (t_next - t) / f32(parts);
+            crossed = vec3(false);
+        }
+
+        if (t_next > t && !(closed && word.y >> 24u == 0u)) {
+            // Node and parent in a loop, so that the code that reads bricks stands in the kernel once: on lavapipe the
+            // same kernel with two copies of it takes half as long again.
+            let p = origin + d * (0.5 * (t + t_next));
+            let s = (t_next - t) * path_length * tree.inv_voxel;
+            let reads = texture_reads;
+            var scale = exp2(-f32(voxel_shift));
+            var low = node_low;
+            var shown = word;
+            var share = select(weight, 1.0, alone || closed);
+            var light = Light(vec3(0.0), 0.0);
+            for (var k = 0u; k < 2u; k++) {
+                let local = clamp((p - vec3<f32>(low - tree.cell)) * scale, vec3(0.0), vec3(8.0));
+                let one = convert(shown, local, tree.texel_offset, tree.gain, s * scale);
+                light.rgb += share * one.rgb;
+                light.a += share * one.a;
+                if (alone || closed) {
+                    break;
+                }
+                low = (node_low >> vec3(node_shift + 1u)) << vec3(node_shift + 1u);
+                scale *= 0.5;
+                shown = parent;
+                share = 1.0 - weight;
             }
-            for (var part = 0u; part < parts && !closed && transmittance > 0.0; part++) {
-                let p = origin + d * (t + dt * (f32(part) + 0.5));
-                let local = clamp((p - vec3<f32>(node_low - tree.cell)) * scale, vec3(0.0), vec3(8.0));
-                let reads = texture_reads;
-                var light = convert(word, local, tree.texel_offset, tree.gain, s);
-                if (!single) {
-                    let coarse_low = (node_low >> vec3(node_shift + 1u)) << vec3(node_shift + 1u);
-                    let coarse_local = clamp((p - vec3<f32>(coarse_low - tree.cell)) * (0.5 * scale), vec3(0.0), vec3(8.0));
-                    let coarse = convert(parent, coarse_local, tree.texel_offset, tree.gain, 0.5 * s);
-                    light.rgb = mix(coarse.rgb, light.rgb, weight);
-                    light.a = mix(coarse.a, light.a, weight);
-                }
-                samples += u32(texture_reads != reads);
-                if (light.a > 0.0) {
-                    composite(light);
-                }
+            samples += u32(texture_reads != reads);
+            if (light.a > 0.0) {
+                composite(light);
             }
             if (transmittance == 0.0) {
                 return;
             }
         }
+        parts = select(parts - 1u, frame.segment_samples, parts == 1u);
 
         // Into the next cell.
         if (t_next >= leave) {

@@ -20,8 +20,8 @@ struct Frame {
     diffuse: f32,
     // Footprint of a pixel per metre of depth, times 2^bias.
     footprint: f32,
-    // 1: mix the two levels around the wanted one.
-    mix_levels: u32,
+    // Part of a level over which it fades into the next, 0..1; 0: the nearest level alone.
+    fade: f32,
     // Samples of a brick slot per axis.
     brick_side: u32,
     // Brick slots per axis of the brick pool; w unused.

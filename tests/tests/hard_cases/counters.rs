@@ -56,7 +56,7 @@ fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
         right: [0.0, -1.0, 0.0, 0.0],
         up: [0.0, 0.0, 1.0, 0.0],
         footprint: 1e-3,
-        mix_levels: 1,
+        fade: 1.0,
         brick_side: sizes.brick_side,
         slots: [sizes.slots[0], sizes.slots[1], sizes.slots[2], 0],
         texel: [0.0; 4],
@@ -64,6 +64,7 @@ fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
         node_tiles: sizes.tiles,
         request_capacity: REQUEST_CAPACITY,
         request_share: 1,
+        segment_samples: 1,
         ..Default::default()
     };
     // Eight voxels of a metre, from 1 m before the eye.

@@ -256,11 +256,11 @@ fn opacity_is_continuous_across_levels() {
                 (2.0 * (0.5 / 1e5f64).atan()).to_degrees(),
                 [1, 1],
             );
-            let mut sweep = |mix_levels: bool| {
+            let mut sweep = |fade: f64| {
                 let mut values = [Vec::new(), Vec::new()];
                 for k in -70..=230 {
                     let settings = RenderSettings {
-                        mix_levels,
+                        fade,
                         ..biased(f64::from(k) / 64.0)
                     };
                     let (gpu, _) = settled(&mut stage.renderer, &camera, &settings);
@@ -270,7 +270,7 @@ fn opacity_is_continuous_across_levels() {
                 }
                 values
             };
-            let (mixed, nearest) = (sweep(true), sweep(false));
+            let (mixed, nearest) = (sweep(1.0), sweep(0.0));
             for (caster, mixed, nearest) in [
                 ("GPU", &mixed[0], &nearest[0]),
                 ("reference", &mixed[1], &nearest[1]),
@@ -331,7 +331,10 @@ fn opacity_is_continuous_across_nodes_and_trees() {
                 let fov = (2.0 * (0.5 * 0.016 / 1e5f64).atan()).to_degrees();
                 let camera = world::camera(eye, eye - DVec3::Z, fov, [1024, 1]);
                 let what = format!("{layout:?} y {y}");
-                let settings = biased(bias - 0.016f64.log2());
+                let settings = RenderSettings {
+                    fade: 1.0,
+                    ..biased(bias - 0.016f64.log2())
+                };
                 for (caster, picture) in stage.check(&what, &camera, &settings, SMOOTH).each() {
                     let values: Vec<f32> = picture.pixels.iter().map(|p| p[3]).collect();
                     let step = largest_step(&values);

@@ -149,13 +149,8 @@ pub fn variants(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let default = RenderSettings::default();
     let variants = [
         ("default", default),
-        (
-            "nearest level",
-            RenderSettings {
-                mix_levels: false,
-                ..default
-            },
-        ),
+        ("nearest level", RenderSettings { fade: 0.0, ..default }),
+        ("mixed everywhere", RenderSettings { fade: 1.0, ..default }),
         ("bias 0", RenderSettings { bias: 0.0, ..default }),
         ("bias +1", RenderSettings { bias: 1.0, ..default }),
     ];

@@ -5,6 +5,7 @@
 //! machine. Runs on one thread; what is measured may use more.
 
 pub mod agreement;
+pub mod builder;
 pub mod caster;
 mod filter_scenes;
 pub mod filters;
@@ -57,6 +58,11 @@ pub struct Suite {
 
 /// All suites.
 pub const SUITES: &[Suite] = &[
+    Suite {
+        name: "builder",
+        about: "speed, memory and size of builds",
+        run: builder::rows,
+    },
     Suite {
         name: "caster",
         about: "the GPU ray caster at its default setting",

@@ -27,7 +27,7 @@ pub(super) fn hill_height(p: DVec2) -> f64 {
     RELIEF * (0.72 * wave + 0.28 * rough).clamp(0.0, 1.0)
 }
 
-fn hill_color(p: DVec2) -> [u8; 3] {
+pub(super) fn hill_color(p: DVec2) -> [u8; 3] {
     let patch = 0.5 + 0.5 * fractal(SEED + 1, p / 6.0, 4);
     let grain = 0.5 + 0.5 * fractal(SEED + 2, p / 0.9, 4);
     let mix = |a: f64, b: f64| ((a + (b - a) * patch) * (0.75 + 0.5 * grain)).clamp(0.0, 255.0) as u8;

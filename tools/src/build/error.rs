@@ -45,12 +45,6 @@ pub enum BuildError {
         /// Tree side in voxels.
         tree: i64,
     },
-    /// More triangles than can be numbered.
-    #[error("{triangles} triangles are more than 2^32")]
-    TooManyTriangles {
-        /// How many.
-        triangles: usize,
-    },
     /// The output folder holds something that is not a database of this program.
     #[error("{}: is not empty and was not made by build; name another folder", .0.display())]
     Foreign(PathBuf),

@@ -2,37 +2,38 @@
 //!
 //! Work is cut into tiles of block columns, each done by one thread; what a cell gets does not depend on the cut.
 
-use std::collections::BTreeMap;
-
 use rayon::prelude::*;
 
+use super::bins::Binned;
 use super::blocks::{BlockColumn, Blocks, Dense, Slot, in_block, new_dense};
 use super::filter::{Cover, Level, thinned};
 use super::ground::{Ground, GroundGrid};
-use super::lattice::{CellBox, Lattice, SIDE, TreePlace};
+use super::lattice::{CellBox, Lattice, Region, SIDE};
 use super::overlap::for_each_cell;
 use super::sample::{Look, Sample};
-use super::surface::{Facet, Surfaces};
+use super::spill::{Reader, Writer};
+use super::surface::{Facet, Shader};
+use crate::input::{Material, Placing};
 
 /// Block columns of a tile per axis.
 const TILE: i64 = 8;
 
-/// What the finest level of a tree is made from.
+/// What the finest level of a region is made from.
 pub(crate) struct Sources<'a> {
     pub(crate) lattice: Lattice,
-    pub(crate) place: TreePlace,
-    /// Height maps over the tree and its margin.
+    pub(crate) region: Region,
+    /// Height maps over the region and its margin.
     pub(crate) grids: &'a [GroundGrid],
     /// Lowest solid cell of a column of trees; `None` where it has no ground.
     pub(crate) bottom: &'a (dyn Fn((i64, i64)) -> Option<i64> + Sync),
-    pub(crate) surfaces: &'a Surfaces<'a>,
-    /// Numbers, ascending, of the triangles that may meet the tree and its margin.
-    pub(crate) triangles: &'a [u32],
+    pub(crate) materials: &'a [(Material, Placing)],
+    /// The faces that may meet the region and its margin, in order.
+    pub(crate) faces: &'a [Binned],
     /// Whether the filter asks for what samples cover.
     pub(crate) covers: bool,
 }
 
-/// The tree's own cells that a surface meets.
+/// A region's own cells that a surface meets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Met {
     pub(crate) count: u64,
@@ -41,6 +42,27 @@ pub(crate) struct Met {
 }
 
 impl Met {
+    /// Writes it.
+    pub(crate) fn write(&self, out: &mut Writer) {
+        let bounds = self.bounds.unwrap_or(CellBox {
+            lo: [0; 3],
+            hi: [0; 3],
+        });
+        out.put(&self.count);
+        out.put(&[bounds.lo, bounds.hi]);
+    }
+
+    /// What was written.
+    pub(crate) fn read(reader: &mut Reader) -> Option<Self> {
+        let count = reader.get()?;
+        let [lo, hi] = reader.get()?;
+        let bounds = CellBox { lo, hi };
+        Some(Self {
+            count,
+            bounds: (!bounds.is_empty()).then_some(bounds),
+        })
+    }
+
     fn add(&mut self, cell: [i64; 3]) {
         let one = CellBox {
             lo: cell,
@@ -52,7 +74,8 @@ impl Met {
         });
     }
 
-    fn with(&self, other: &Met) -> Met {
+    /// Those of both.
+    pub(crate) fn with(&self, other: &Met) -> Met {
         let bounds = match (self.bounds, other.bounds) {
             (Some(a), Some(b)) => Some(CellBox {
                 lo: std::array::from_fn(|k| a.lo[k].min(b.lo[k])),
@@ -72,9 +95,9 @@ type Column = (BlockColumn<Sample>, BlockColumn<Cover>);
 
 /// Voxelises the finest level.
 pub(crate) fn voxelise(sources: &Sources) -> (Level, Met) {
-    let extent = sources.lattice.support(sources.place, 0).blocks();
+    let extent = sources.region.support(0).blocks();
     let tiles = tiles(&extent);
-    let lists = triangles_by_tile(sources, &tiles);
+    let lists = faces_by_tile(sources, &tiles);
     let done: Vec<(Vec<Column>, Met)> = tiles
         .par_iter()
         .zip(&lists)
@@ -128,7 +151,7 @@ pub(crate) fn triangle_cells(corners: &[glam::DVec3; 3]) -> CellBox {
     }
 }
 
-fn triangles_by_tile(sources: &Sources, tiles: &[CellBox]) -> Vec<Vec<u32>> {
+fn faces_by_tile(sources: &Sources, tiles: &[CellBox]) -> Vec<Vec<u32>> {
     let mut lists = vec![Vec::new(); tiles.len()];
     let (Some(first), Some(last)) = (tiles.first(), tiles.last()) else {
         return lists;
@@ -139,10 +162,8 @@ fn triangles_by_tile(sources: &Sources, tiles: &[CellBox]) -> Vec<Vec<u32>> {
     });
     let across = (last.hi[0] - first.lo[0] + TILE - 1) / TILE;
     let tile_cells = TILE * SIDE;
-    for number in sources.triangles {
-        let Some(corners) = sources.surfaces.corners(*number as usize) else {
-            continue;
-        };
+    for (number, binned) in sources.faces.iter().enumerate() {
+        let corners = binned.face.corners.map(|p| sources.lattice.cells_of(p));
         let met = triangle_cells(&corners).intersection(&all);
         if met.is_empty() {
             continue;
@@ -151,7 +172,7 @@ fn triangles_by_tile(sources: &Sources, tiles: &[CellBox]) -> Vec<Vec<u32>> {
             |k: usize| (met.lo[k] - all.lo[k]) / tile_cells..(met.hi[k] - 1 - all.lo[k]) / tile_cells + 1;
         for j in range(1) {
             for i in range(0) {
-                lists[(j * across + i) as usize].push(*number);
+                lists[(j * across + i) as usize].push(number as u32);
             }
         }
     }
@@ -181,38 +202,77 @@ impl Facets {
     }
 }
 
-fn voxelise_tile(sources: &Sources, tile: &CellBox, triangles: &[u32]) -> (Vec<Column>, Met) {
-    let mut facets: BTreeMap<[i64; 3], Dense<Facets>> = BTreeMap::new();
+/// What faces leave in the blocks of a tile: blocks by their place, as they were met first.
+struct FacetBlocks {
+    extent: CellBox,
+    /// Number of a block, plus one; 0 where there is none.
+    index: Vec<u32>,
+    blocks: Vec<([i64; 3], Dense<Facets>)>,
+}
+
+impl FacetBlocks {
+    fn new(extent: &CellBox) -> Self {
+        let size: i64 = (0..3).map(|k| extent.hi[k] - extent.lo[k]).product();
+        Self {
+            extent: *extent,
+            index: vec![0; size as usize],
+            blocks: Vec::new(),
+        }
+    }
+
+    #[inline]
+    fn at(&mut self, [x, y, z]: [i64; 3]) -> &mut Facets {
+        let block = [x.div_euclid(SIDE), y.div_euclid(SIDE), z.div_euclid(SIDE)];
+        let CellBox { lo, hi } = &self.extent;
+        let [i, j, k]: [i64; 3] = std::array::from_fn(|a| block[a] - lo[a]);
+        let slot = &mut self.index[((k * (hi[1] - lo[1]) + j) * (hi[0] - lo[0]) + i) as usize];
+        if *slot == 0 {
+            self.blocks.push((block, new_dense()));
+            *slot = self.blocks.len() as u32;
+        }
+        &mut self.blocks[*slot as usize - 1].1[in_block(x, y, z)]
+    }
+
+    /// Blocks sorted by x, y, z.
+    fn sorted(mut self) -> Vec<([i64; 3], Dense<Facets>)> {
+        self.blocks.sort_unstable_by_key(|b| b.0);
+        self.blocks
+    }
+}
+
+fn voxelise_tile(sources: &Sources, tile: &CellBox, faces: &[u32]) -> (Vec<Column>, Met) {
+    let mut facets = FacetBlocks::new(tile);
     let clip = cells(tile);
-    for number in triangles {
-        let number = *number as usize;
-        let (Some(corners), Some(shader)) =
-            (sources.surfaces.corners(number), sources.surfaces.shader(number))
-        else {
+    for number in faces {
+        let binned = &sources.faces[*number as usize];
+        let corners = binned.face.corners.map(|p| sources.lattice.cells_of(p));
+        let Some(shader) = Shader::new(binned, &corners, sources.materials, sources.covers) else {
             continue;
         };
         for_each_cell(&corners, &clip, |cell| {
-            if let Some(facet) = shader.facet(cell) {
-                let [x, y, z] = cell;
-                let block = [x.div_euclid(SIDE), y.div_euclid(SIDE), z.div_euclid(SIDE)];
-                let facets = &mut facets.entry(block).or_insert_with(new_dense)[in_block(x, y, z)];
-                facets.add(&facet);
-                if sources.covers {
-                    let cover = thinned(shader.outline(cell), facet.skin, cell, number as i64);
-                    facets.cover = facets.cover.with(cover);
-                }
+            let Some(facet) = shader.facet(cell) else { return };
+            let facets = facets.at(cell);
+            facets.add(&facet);
+            if let Some(cover) = shader.outline(cell) {
+                facets.cover = facets
+                    .cover
+                    .with(thinned(cover, facet.skin, cell, binned.number as i64));
             }
         });
     }
-    let own = sources.lattice.own(sources.place);
+    let facets = facets.sorted();
+    let own = sources.region.own;
     let mut met = Met::default();
     let columns = super::blocks::block_columns(tile)
         .into_iter()
         .map(|(x, y)| {
             let column = GroundColumn::new(sources, x, y, tile);
-            let from = [x, y, i64::MIN];
-            let to = [x, y, i64::MAX];
-            let with_facets: Vec<_> = facets.range(from..=to).map(|(b, f)| (b[2], f)).collect();
+            let first = facets.partition_point(|(b, _)| [b[0], b[1]] < [x, y]);
+            let with_facets: Vec<_> = facets[first..]
+                .iter()
+                .take_while(|(b, _)| [b[0], b[1]] == [x, y])
+                .map(|(b, f)| (b[2], f))
+                .collect();
             let mut heights: Vec<i64> = column.dense.clone().collect();
             heights.extend(with_facets.iter().map(|(z, _)| *z));
             heights.sort_unstable();

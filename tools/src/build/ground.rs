@@ -7,6 +7,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::lattice::{CellBox, Lattice};
+use super::spill::{Reader, Writer};
 use crate::input::Layer;
 
 use brickfell_formats::layout::SampleLayout;
@@ -266,15 +267,32 @@ impl Hints {
         }
     }
 
-    /// Over a rectangle of cells, given their sums of colours and normals and their shares.
-    pub(crate) fn of(area: &CellBox, look: impl Fn(i64, i64) -> [f32; 7]) -> Self {
-        let (lo, hi) = (area.lo, area.hi);
-        let cells = (lo[1]..hi[1]).flat_map(|y| (lo[0]..hi[0]).map(move |x| (x, y)));
-        Self {
-            lo: [lo[0], lo[1]],
-            size: [hi[0] - lo[0], hi[1] - lo[1]],
-            looks: cells.map(|(x, y)| look(x, y)).collect(),
+    /// Writes those of the columns in a box.
+    pub(crate) fn write(&self, cells: &CellBox, out: &mut Writer) {
+        let (lo, hi) = (cells.lo, cells.hi);
+        let columns = (lo[1]..hi[1]).flat_map(|y| (lo[0]..hi[0]).map(move |x| (x, y)));
+        let looks = columns
+            .filter(|_| !self.looks.is_empty())
+            .map(|(x, y)| self.at(x, y));
+        out.list(&looks.collect::<Vec<_>>());
+    }
+
+    /// Hints over a rectangle of cells, of what was written of boxes that do not meet.
+    pub(crate) fn read(area: &CellBox, parts: &mut [(CellBox, Reader)]) -> Option<Self> {
+        let lo = [area.lo[0], area.lo[1]];
+        let size = [area.hi[0] - lo[0], area.hi[1] - lo[1]];
+        let mut looks = vec![[0.0; 7]; (size[0] * size[1]) as usize];
+        for (cells, part) in parts {
+            let width = cells.hi[0] - cells.lo[0];
+            for (k, look) in part.list::<[f32; 7]>()?.into_iter().enumerate() {
+                let k = k as i64;
+                let (x, y) = (cells.lo[0] + k % width - lo[0], cells.lo[1] + k / width - lo[1]);
+                if x >= 0 && y >= 0 && x < size[0] && y < size[1] {
+                    looks[(y * size[0] + x) as usize] = look;
+                }
+            }
         }
+        Some(Self { lo, size, looks })
     }
 
     /// The sums of colours and normals of a column of cells, and their share.

@@ -28,6 +28,15 @@ pub(crate) struct TreePlace {
     pub(crate) origin: [i64; 3],
 }
 
+/// A box of finest cells that is made at a time, with the levels above it: a tree, or a tile of one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Region {
+    /// Its own finest cells.
+    pub(crate) own: CellBox,
+    /// The coarsest mip that is made of it. Its margin is one cell of that.
+    pub(crate) top: u8,
+}
+
 /// A half-open box of cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct CellBox {
@@ -76,24 +85,11 @@ impl Lattice {
         (x.div_euclid(self.side()), y.div_euclid(self.side()))
     }
 
-    /// Cells of mip `m` that the bricks of a tree, and those of all coarser levels, are made from.
-    pub(crate) fn support(&self, place: TreePlace, mip: u8) -> CellBox {
-        let margin = 1i64 << (self.depth - mip);
-        let n = self.side() >> mip;
-        CellBox {
-            lo: place.origin.map(|o| (o >> mip) - margin),
-            hi: place.origin.map(|o| (o >> mip) + n + margin),
-        }
-    }
-
-    /// Cells of mip `m` that are stored in bricks of a tree, aprons included.
-    pub(crate) fn stored(&self, place: TreePlace, mip: u8) -> CellBox {
-        let low = i64::from(self.layout.low_apron());
-        let n = self.side() >> mip;
-        let high = i64::from(self.layout.side()) - SIDE - low;
-        CellBox {
-            lo: place.origin.map(|o| (o >> mip) - low),
-            hi: place.origin.map(|o| (o >> mip) + n + high),
+    /// A tree as a region: all its levels up to the root.
+    pub(crate) fn tree(&self, place: TreePlace) -> Region {
+        Region {
+            own: self.own(place),
+            top: self.depth,
         }
     }
 
@@ -110,6 +106,32 @@ impl Lattice {
         let [x, y, z] = place.origin;
         let (n, r) = (self.side(), self.root_voxel());
         format!("x{}_y{}_z{}", x.div_euclid(n), y.div_euclid(n), z.div_euclid(r))
+    }
+}
+
+impl Region {
+    /// Its own cells of a mip.
+    pub(crate) fn cells(&self, mip: u8) -> CellBox {
+        CellBox {
+            lo: self.own.lo.map(|v| v >> mip),
+            hi: self.own.hi.map(|v| v >> mip),
+        }
+    }
+
+    /// Cells of a mip that its bricks of this level, and what it makes of all coarser ones, are made from.
+    pub(crate) fn support(&self, mip: u8) -> CellBox {
+        self.cells(mip).grown(1 << (self.top - mip))
+    }
+
+    /// Cells of a mip that are stored in its bricks, aprons included.
+    pub(crate) fn stored(&self, layout: SampleLayout, mip: u8) -> CellBox {
+        let low = i64::from(layout.low_apron());
+        let high = i64::from(layout.side()) - SIDE - low;
+        let CellBox { lo, hi } = self.cells(mip);
+        CellBox {
+            lo: lo.map(|v| v - low),
+            hi: hi.map(|v| v + high),
+        }
     }
 }
 
@@ -164,8 +186,9 @@ mod tests {
             let place = TreePlace {
                 origin: [-128, 256, -48],
             };
+            let tree = lattice.tree(place);
             for mip in 0..4 {
-                let (fine, coarse) = (lattice.support(place, mip), lattice.stored(place, mip + 1));
+                let (fine, coarse) = (tree.support(mip), tree.stored(layout, mip + 1));
                 let taps = match layout {
                     SampleLayout::Centre => (0, 1),
                     SampleLayout::Corner => (-1, 1),

@@ -17,8 +17,8 @@ pub(crate) const MANIFEST: &str = "build.json";
 pub(crate) const EMPTY_TREES: &str = "empty_trees.txt";
 /// The folder of trees.
 pub(crate) const TREES: &str = "trees";
-/// What trees leave for the groups above them while a build is under way.
-pub(crate) const ROOT_SAMPLES: &str = "root_samples";
+/// What a build leaves for itself while it is under way.
+pub(crate) const SCRATCH: &str = "scratch";
 /// The scene.
 pub(crate) const SCENE: &str = "scene.xml";
 
@@ -110,7 +110,7 @@ pub(crate) fn claim(out: &Path, manifest: &Manifest, force: bool) -> Result<(), 
         }
         Ok(_) => return Err(BuildError::Foreign(out.to_path_buf())),
         Err(_) => {
-            if out.exists() && fs::read_dir(out).map_err(BuildError::io(out))?.next().is_some() {
+            if !is_free(out)? {
                 return Err(BuildError::Foreign(out.to_path_buf()));
             }
         }
@@ -118,6 +118,18 @@ pub(crate) fn claim(out: &Path, manifest: &Manifest, force: bool) -> Result<(), 
     let trees = out.join(TREES);
     fs::create_dir_all(&trees).map_err(BuildError::io(&trees))?;
     write_whole(&path, text.as_bytes())
+}
+
+/// Whether a build may write to the folder: it is not there, has nothing but scratch files in it, or is ours.
+///
+/// # Errors
+/// If it cannot be read.
+pub(crate) fn is_free(out: &Path) -> Result<bool, BuildError> {
+    if !out.exists() || fs::read(out.join(MANIFEST)).is_ok_and(|old| is_ours(&old)) {
+        return Ok(true);
+    }
+    let mut entries = fs::read_dir(out).map_err(BuildError::io(out))?.flatten();
+    Ok(entries.all(|e| e.file_name() == SCRATCH))
 }
 
 fn is_ours(manifest: &[u8]) -> bool {
@@ -137,7 +149,8 @@ fn remove_ours(out: &Path) -> Result<(), BuildError> {
         }
     }
     let _ = fs::remove_dir(&trees);
-    remove_root_samples(out)?;
+    // Bins may be this run's own.
+    remove_scratch_files(out, &["tile_", "root_"])?;
     for name in [SCENE, EMPTY_TREES, MANIFEST] {
         let path = out.join(name);
         if path.exists() {
@@ -163,23 +176,28 @@ pub(crate) fn remove_tree(folder: &Path) -> Result<(), BuildError> {
     Ok(())
 }
 
-/// Removes what trees left for groups.
+/// Removes what builds leave for themselves.
 ///
 /// # Errors
 /// If a file cannot be removed.
-pub(crate) fn remove_root_samples(out: &Path) -> Result<(), BuildError> {
-    let folder = out.join(ROOT_SAMPLES);
-    for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
-        let (path, name) = (entry.path(), entry.file_name());
-        let name = name.to_string_lossy();
-        let tree = name.strip_suffix(PARTIAL).unwrap_or(&name);
-        if tree.strip_suffix(".samples").is_some_and(is_tree_name) {
-            fs::remove_file(&path).map_err(BuildError::io(&path))?;
-        } else if is_tree_name(tree) {
-            remove_tree(&path)?;
+pub(crate) fn remove_scratch(out: &Path) -> Result<(), BuildError> {
+    remove_scratch_files(out, &["tile_", "bin_", "root_"])
+}
+
+fn remove_scratch_files(out: &Path, starts: &[&str]) -> Result<(), BuildError> {
+    let scratch = out.join(SCRATCH);
+    if let Ok(entries) = fs::read_dir(&scratch) {
+        for entry in entries.flatten() {
+            let name = entry.file_name();
+            if starts
+                .iter()
+                .any(|start| name.to_string_lossy().starts_with(*start))
+            {
+                fs::remove_file(entry.path()).map_err(BuildError::io(&entry.path()))?;
+            }
         }
+        let _ = fs::remove_dir(&scratch);
     }
-    let _ = fs::remove_dir(&folder);
     Ok(())
 }
 

@@ -1,20 +1,22 @@
 //! The builder: height maps and meshes in, a terrain database out.
 //!
 //! World is lattice index × voxel, everywhere (`lattice`). A sample's value is a pure function of its place on the
-//! lattice, its level and the inputs, never of the tree that stores it; so borders are right across bricks and trees at
-//! every level, and trees are built one by one, each over its box and a margin of one root voxel, which is all that the
-//! aprons of its coarsest level are made from.
+//! lattice, its level and the inputs, never of the tree that stores it; so borders are right across bricks, tiles and
+//! trees at every level, and what one tile makes of its own cells serves all trees whose aprons they reach.
 //!
 //! ```text
-//! inputs → plan (which trees) → for each tree:
-//!   finest (ground, surface, overlap) → blocks of samples ─┬→ texels → nodes → bricks on disk
-//!                                        ↑  filter: ×½  ←──┘           ↓
-//!                                        └── until the root       octree on disk
-//! → groups (coarse trees over trees) → scene
+//! meshes, as streams → bins (faces by column of tiles) ─┐
+//! height maps ──────────────────────────→ plan (which trees) → for each tile of each tree:
+//!   finest (ground, surface, overlap) → blocks of samples ─┬→ texels → nodes → chunks ┐
+//!                                        ↑  filter: ×½  ←──┘                          ├→ file in the scratch folder
+//!                                        └── for three levels, then samples ──────────┘
+//! → for each tree: samples of its tiles and those around it → the same up to the root; bricks and octree on disk
+//! → groups (coarse trees over trees, of the samples that roots leave) → scene
 //! ```
 //! Called from one thread, which waits; the work is spread over a pool of threads of its own. Bytes do not depend on the
 //! number of threads, nor on whether a build was interrupted and resumed.
 
+mod bins;
 mod blocks;
 mod error;
 mod filter;
@@ -29,10 +31,13 @@ mod plan;
 mod progress;
 mod sample;
 mod scene;
+mod schedule;
+mod spill;
 mod surface;
 #[cfg(test)]
 mod tests;
 mod texels;
+mod tile;
 mod tree;
 
 use std::collections::BTreeSet;
@@ -42,26 +47,30 @@ use std::path::{Path, PathBuf};
 
 use brickfell_formats::chunk::Encoding;
 use brickfell_formats::layout::{BRICK_VOXELS, SampleLayout};
-use brickfell_formats::octree::TreeHeader;
-use brickfell_formats::octree_binary;
+use glam::DVec3;
 
 pub use error::BuildError;
 pub use filter::Filter;
 pub use progress::{IndicatifProgress, Progress, Silent};
 
 pub use crate::input::HeightInput;
-use crate::input::{HeightUnit, Inputs, Mesh, UpAxis};
-use groups::{Folders, GroupPlan, build_groups};
-use lattice::{Lattice, TreePlace};
-use manifest::{Arguments, EMPTY_TREES, Manifest, ROOT_SAMPLES, SCENE, TREES};
+use crate::input::{HeightUnit, Inputs, Layer, UpAxis, mesh};
+use bins::Bins;
+use groups::GroupPlan;
+use lattice::Lattice;
+use manifest::{Arguments, EMPTY_TREES, Manifest, SCENE, TREES};
 use scene::{SceneGroup, SceneTree};
-use surface::Surfaces;
-use tree::{TREE_FILE, Terrain, build_tree};
+use schedule::{Schedule, Workers, read_header};
+use tree::{TREE_FILE, Terrain};
 
 /// Where samples lie unless told.
 pub const DEFAULT_LAYOUT: SampleLayout = SampleLayout::Centre;
 /// Finest voxels per axis of a tree unless told.
 pub const DEFAULT_TREE_VOXELS: u32 = 512;
+/// Memory to work with unless told, bytes.
+pub const DEFAULT_MEMORY: u64 = 2 << 30;
+/// The part of the memory that faces may take: one of so many.
+const FACES_SHARE: u64 = 4;
 /// Voxels across the longest side of a terrain without height maps, unless told.
 const DEFAULT_RESOLUTION: f64 = 1024.0;
 
@@ -94,6 +103,8 @@ pub struct BuildArgs {
     pub force: bool,
     /// Threads to work with; 0 is one per core.
     pub threads: usize,
+    /// Memory to work with, bytes.
+    pub memory: u64,
 }
 
 impl BuildArgs {
@@ -113,6 +124,7 @@ impl BuildArgs {
             filter: Filter::default(),
             force: false,
             threads: 0,
+            memory: DEFAULT_MEMORY,
         }
     }
 }
@@ -143,22 +155,7 @@ pub fn build(args: &BuildArgs, progress: &dyn Progress) -> Result<BuildReport, B
         .num_threads(args.threads)
         .build()
         .map_err(|e| BuildError::Threads(e.to_string()))?;
-    pool.install(|| {
-        let inputs = Inputs::load(&args.inputs, &args.heights, args.up, args.height_unit)?;
-        let voxel = args.voxel.unwrap_or_else(|| inputs.default_voxel());
-        if !(1e-9..=1e9).contains(&voxel) {
-            return Err(BuildError::Voxel(voxel));
-        }
-        inputs.build(
-            args,
-            Lattice {
-                voxel,
-                depth,
-                layout: args.layout,
-            },
-            progress,
-        )
-    })
+    pool.install(|| Ground::load(args)?.build(args, depth, progress))
 }
 
 /// Checks the arguments and gives the depth of trees.
@@ -179,134 +176,138 @@ fn check(args: &BuildArgs) -> Result<u8, BuildError> {
     Ok((n / BRICK_VOXELS).ilog2() as u8)
 }
 
-impl Inputs {
-    fn default_voxel(&self) -> f64 {
+/// What is in memory of the input before the lattice is known.
+struct Ground {
+    layers: Vec<Layer>,
+}
+
+impl Ground {
+    fn load(args: &BuildArgs) -> Result<Self, BuildError> {
+        let layers = Inputs::load(&[], &args.heights, args.up, args.height_unit)?.layers;
+        Ok(Self { layers })
+    }
+
+    fn build(&self, args: &BuildArgs, depth: u8, progress: &dyn Progress) -> Result<BuildReport, BuildError> {
+        let voxel = match args.voxel {
+            Some(voxel) => voxel,
+            None => self.default_voxel(args)?,
+        };
+        if !(1e-9..=1e9).contains(&voxel) {
+            return Err(BuildError::Voxel(voxel));
+        }
+        let lattice = Lattice {
+            voxel,
+            depth,
+            layout: args.layout,
+        };
+        let mut faces = Bins::new(lattice, &args.out, (args.memory / FACES_SHARE) as usize);
+        let (mut warnings, mut files) = (Vec::new(), Vec::new());
+        for path in &args.inputs {
+            let first = faces.materials.len() as u32;
+            let mesh = mesh::stream(path, args.up, |new| faces.add(new, first))?;
+            faces.materials.extend(mesh.materials);
+            warnings.extend(mesh.warnings);
+            files.extend(mesh.files);
+        }
+        build_from(args, lattice, &self.layers, &faces, (warnings, files), progress)
+    }
+
+    /// The smallest pixel of height maps, else a part of the longest side of the meshes.
+    fn default_voxel(&self, args: &BuildArgs) -> Result<f64, BuildError> {
         let pixels = self.layers.iter().map(|l| l.map.pixel_size().min_element());
-        pixels.reduce(f64::min).unwrap_or_else(|| {
-            let boxes = self.meshes.iter().map(Mesh::bounds);
-            let all = boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-            all.map_or(0.0, |(min, max)| (max - min).max_element() / DEFAULT_RESOLUTION)
-        })
-    }
-
-    fn build(
-        &self,
-        args: &BuildArgs,
-        lattice: Lattice,
-        progress: &dyn Progress,
-    ) -> Result<BuildReport, BuildError> {
-        let surfaces = Surfaces::new(&self.meshes, lattice);
-        let plan = plan::Plan::new(&lattice, &self.layers, &surfaces)?;
-        manifest::claim(&args.out, &manifest(args, &lattice)?, args.force)?;
-        let terrain = Terrain {
-            lattice,
-            layers: &self.layers,
-            surfaces: &surfaces,
-            plan: &plan,
-            encoding: args.encoding,
-            chunk_log2: args.chunk_log2,
-            // Without triangles there are no outlines, and no layer is to be stored of them.
-            filter: if surfaces.len() == 0 {
-                Filter::Double
-            } else {
-                args.filter
-            },
-        };
-        let mut report = BuildReport {
-            voxel: lattice.voxel,
-            ..BuildReport::default()
-        };
-        report.warnings = self.warnings();
-        let mut empty = EmptyTrees::load(&args.out);
-        let folder = |place| args.out.join(TREES).join(lattice.tree_name(place));
-        let finished = |name: &str, folder: &Path| empty.names.contains(name) || folder.is_dir();
-        let done = plan
-            .trees
-            .iter()
-            .filter(|p| finished(&lattice.tree_name(**p), &folder(**p)))
-            .count();
-        progress.start(plan.trees.len() as u64, done as u64);
-        let (tree_folder, scratch) = (args.out.join(TREES), args.out.join(ROOT_SAMPLES));
-        fs::create_dir_all(&scratch).map_err(BuildError::io(&scratch))?;
-        let folders = Folders {
-            trees: &tree_folder,
-            scratch: &scratch,
-        };
-        let (mut trees, mut places) = (Vec::new(), Vec::new());
-        let mut new_voxels = 0;
-        for place in &plan.trees {
-            let (name, folder) = (lattice.tree_name(*place), folder(*place));
-            if empty.names.contains(&name) {
-                continue;
-            }
-            let header = if folder.is_dir() {
-                report.resumed += 1;
-                Some(read_header(&folder.join(TREE_FILE))?)
-            } else {
-                let header = build_tree(&terrain, *place, &folder, &folders.samples(&name))?;
-                new_voxels += header.map_or(0, |h| h.surface_voxels);
-                if header.is_none() {
-                    empty.add(&name)?;
+        if let Some(pixel) = pixels.reduce(f64::min) {
+            return Ok(pixel);
+        }
+        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for path in &args.inputs {
+            mesh::stream(path, args.up, |faces| {
+                for p in faces.iter().flat_map(|f| f.corners) {
+                    (min, max) = (min.min(p), max.max(p));
                 }
-                progress.tree(new_voxels);
-                header
-            };
-            if let Some(header) = header {
-                report.surface_voxels += header.surface_voxels;
-                let column = lattice.column_of(place.origin[0], place.origin[1]);
-                places.push(*place);
-                trees.push(SceneTree {
-                    column,
-                    file: format!("{TREES}/{name}/{TREE_FILE}"),
-                    header,
-                });
-            }
+                Ok::<_, BuildError>(())
+            })?;
         }
-        report.trees = trees.len();
-        let groups = self.build_groups(&terrain, &places, &folders, &mut empty)?;
-        empty.write()?;
-        let crs = self.layers.iter().find_map(|l| l.map.georef.crs.clone());
-        manifest::write_whole(
-            &args.out.join(SCENE),
-            scene::scene(trees, groups, crs).to_xml().as_bytes(),
-        )?;
-        manifest::remove_root_samples(&args.out)?;
-        progress.finish();
-        Ok(report)
-    }
-
-    /// Builds the coarse trees over trees that are not there yet; gives all of them.
-    fn build_groups(
-        &self,
-        terrain: &Terrain,
-        trees: &[TreePlace],
-        folders: &Folders,
-        empty: &mut EmptyTrees,
-    ) -> Result<Vec<SceneGroup>, BuildError> {
-        let has_ground = |column| terrain.plan.bottom(column).is_some();
-        let plan = GroupPlan::new(&terrain.lattice, trees, has_ground);
-        let folder = |name: &str| folders.trees.join(name);
-        let finished = |name: &str| empty.names.contains(name) || folder(name).is_dir();
-        if !plan.places.iter().all(|place| finished(&place.name())) {
-            for name in build_groups(terrain, &plan, trees, folders)? {
-                empty.add(&name)?;
-            }
-        }
-        let full = (plan.places.iter()).filter(|place| !empty.names.contains(&place.name()));
-        full.map(|place| {
-            let name = place.name();
-            Ok(SceneGroup {
-                height: place.height,
-                column: place.column,
-                header: read_header(&folder(&name).join(TREE_FILE))?,
-                file: format!("{TREES}/{name}/{TREE_FILE}"),
-            })
-        })
-        .collect()
+        Ok((max - min).max_element() / DEFAULT_RESOLUTION)
     }
 }
 
-fn manifest(args: &BuildArgs, lattice: &Lattice) -> Result<Manifest, BuildError> {
+/// Builds from height maps and binned faces; what was missing in the meshes and which further files were read comes with them.
+fn build_from(
+    args: &BuildArgs,
+    lattice: Lattice,
+    layers: &[Layer],
+    faces: &Bins,
+    (warnings, files): (Vec<String>, Vec<PathBuf>),
+    progress: &dyn Progress,
+) -> Result<BuildReport, BuildError> {
+    let plan = plan::Plan::new(&lattice, layers, faces)?;
+    manifest::claim(&args.out, &manifest(args, &lattice, &files)?, args.force)?;
+    let terrain = Terrain {
+        lattice,
+        layers,
+        faces,
+        plan: &plan,
+        encoding: args.encoding,
+        chunk_log2: args.chunk_log2,
+        // Without triangles there are no outlines, and no layer is to be stored of them.
+        filter: if faces.len() == 0 {
+            Filter::Double
+        } else {
+            args.filter
+        },
+    };
+    let mut report = BuildReport {
+        voxel: lattice.voxel,
+        ..BuildReport::default()
+    };
+    report.warnings = warnings;
+    let mut empty = EmptyTrees::load(&args.out);
+    let mut trees = Vec::new();
+    let groups = GroupPlan::new(&lattice, &plan.trees, |column| plan.bottom(column).is_some());
+    let open = groups.open(&args.out, &empty);
+    let mut schedule = Schedule {
+        terrain: &terrain,
+        out: &args.out,
+        open: &open,
+        workers: Workers::new(args),
+        progress,
+    };
+    schedule.run(&mut empty, |place, header, resumed| {
+        report.resumed += usize::from(resumed);
+        report.surface_voxels += header.surface_voxels;
+        trees.push(SceneTree {
+            column: lattice.column_of(place.origin[0], place.origin[1]),
+            file: format!("{TREES}/{}/{TREE_FILE}", lattice.tree_name(place)),
+            header,
+        });
+    })?;
+    report.trees = trees.len();
+    groups.build(&terrain, &open, &args.out, &mut empty)?;
+    let mut coarse = Vec::new();
+    for group in groups
+        .coarse()
+        .filter(|group| !empty.names.contains(&group.name()))
+    {
+        let file = format!("{TREES}/{}/{TREE_FILE}", group.name());
+        coarse.push(SceneGroup {
+            height: group.height,
+            column: group.column,
+            header: read_header(&args.out.join(&file))?,
+            file,
+        });
+    }
+    empty.write()?;
+    let crs = layers.iter().find_map(|l| l.map.georef.crs.clone());
+    manifest::write_whole(
+        &args.out.join(SCENE),
+        scene::scene(trees, coarse, crs).to_xml().as_bytes(),
+    )?;
+    manifest::remove_scratch(&args.out)?;
+    progress.finish();
+    Ok(report)
+}
+
+fn manifest(args: &BuildArgs, lattice: &Lattice, materials: &[PathBuf]) -> Result<Manifest, BuildError> {
     let arguments = Arguments {
         voxel: lattice.voxel,
         tree_voxels: args.tree_voxels,
@@ -320,17 +321,12 @@ fn manifest(args: &BuildArgs, lattice: &Lattice) -> Result<Manifest, BuildError>
         filter: args.filter.name(),
     };
     let mut files: Vec<(&'static str, &Path)> = args.inputs.iter().map(|p| ("mesh", p.as_path())).collect();
+    files.extend(materials.iter().map(|p| ("material", p.as_path())));
     for height in &args.heights {
         files.push(("heights", &height.path));
         files.extend(height.imagery.as_deref().map(|p| ("imagery", p)));
     }
     Manifest::new(arguments, &files)
-}
-
-fn read_header(path: &Path) -> Result<TreeHeader, BuildError> {
-    let bytes = fs::read(path).map_err(BuildError::io(path))?;
-    let index = octree_binary::decode_header(&bytes, bytes.len() as u64).map_err(BuildError::format(path))?;
-    Ok(index.header)
 }
 
 /// Trees that turned out empty, kept so that a resumed build does not look again.

@@ -14,7 +14,7 @@ use brickfell_formats::octree::{Node, NodeData, Octree, TreeHeader, octant_offse
 use glam::UVec3;
 
 use super::ground::Hints;
-use super::lattice::{Lattice, SIDE, TreePlace};
+use super::lattice::{Lattice, Region, SIDE, TreePlace};
 use super::sample::{Look, Sample};
 use super::texels::{Likeness, TexelLevel};
 
@@ -31,25 +31,58 @@ const EMPTY: State = State::Constant {
 };
 
 /// Nodes above one another.
-struct NodeColumn {
+#[derive(Clone, Debug)]
+pub(crate) struct NodeColumn {
     /// Nodes that were looked at, lowest first.
-    known: Vec<(u32, State)>,
+    pub(crate) known: Vec<(u32, State)>,
     /// Further nodes that are deep solid.
-    solid: Range<u32>,
+    pub(crate) solid: Range<u32>,
     /// Colour of deep solid nodes.
-    color: [u8; 4],
+    pub(crate) color: [u8; 4],
 }
 
-/// The nodes of one level.
+/// The nodes of one level over a rectangle of columns.
+#[derive(Clone, Debug)]
 pub(crate) struct LevelNodes {
-    side: u32,
-    columns: Vec<NodeColumn>,
+    pub(crate) lo: [u32; 2],
+    pub(crate) size: [u32; 2],
+    pub(crate) columns: Vec<NodeColumn>,
 }
 
 impl LevelNodes {
+    /// Rectangles of nodes put together to one from (0, 0) on, `side` nodes wide. They cover it.
+    pub(crate) fn joined(side: u32, parts: Vec<LevelNodes>) -> Self {
+        let nothing = NodeColumn {
+            known: Vec::new(),
+            solid: 0..0,
+            color: [0; 4],
+        };
+        let mut columns = vec![nothing; (side * side) as usize];
+        for part in parts {
+            for (k, column) in part.columns.into_iter().enumerate() {
+                let k = k as u32;
+                let (x, y) = (part.lo[0] + k % part.size[0], part.lo[1] + k / part.size[0]);
+                columns[(y * side + x) as usize] = column;
+            }
+        }
+        Self {
+            lo: [0; 2],
+            size: [side; 2],
+            columns,
+        }
+    }
+
+    fn column(&self, at: [u32; 2]) -> Option<&NodeColumn> {
+        let [x, y] = [0, 1].map(|k| at[k].wrapping_sub(self.lo[k]));
+        if x >= self.size[0] || y >= self.size[1] {
+            return None;
+        }
+        self.columns.get((y * self.size[0] + x) as usize)
+    }
+
     /// The state of a node.
     pub(crate) fn state(&self, p: UVec3) -> State {
-        let Some(column) = self.columns.get((p.y * self.side + p.x) as usize) else {
+        let Some(column) = self.column([p.x, p.y]) else {
             return EMPTY;
         };
         match column.known.binary_search_by_key(&p.z, |k| k.0) {
@@ -66,7 +99,8 @@ impl LevelNodes {
     pub(crate) fn bricks(&self) -> Vec<UVec3> {
         let mut codes: Vec<u64> = Vec::new();
         for (k, column) in self.columns.iter().enumerate() {
-            let (x, y) = (k as u32 % self.side, k as u32 / self.side);
+            let k = k as u32;
+            let (x, y) = (self.lo[0] + k % self.size[0], self.lo[1] + k / self.size[0]);
             let bricks = column.known.iter().filter(|n| n.1 == State::Brick);
             codes.extend(bricks.map(|n| morton::encode(UVec3::new(x, y, n.0))));
         }
@@ -84,27 +118,29 @@ pub(crate) fn node_cube(lattice: &Lattice, place: TreePlace, level: u8, node: UV
     (base, i64::from(lattice.layout.side()))
 }
 
-/// Looks at the nodes of a level, given those of the next finer one (`None` at the deepest level).
+/// Looks at the nodes that a region has of a level, given those of the next finer one (`None` at the deepest level).
 pub(crate) fn level_nodes(
     lattice: &Lattice,
     place: TreePlace,
+    region: &Region,
     level: u8,
     texels: &TexelLevel,
     hints: &Hints,
     finer: Option<&LevelNodes>,
 ) -> LevelNodes {
     let side = 1u32 << level;
-    let columns = (0..side * side)
+    let own = region.cells(lattice.depth - level);
+    let first = lattice.tree(place).cells(lattice.depth - level).lo;
+    let lo = [0, 1].map(|k| ((own.lo[k] - first[k]) / SIDE) as u32);
+    let size = [0, 1].map(|k| ((own.hi[k] - own.lo[k]) / SIDE) as u32);
+    let columns = (0..size[0] * size[1])
         .into_par_iter()
         .map_init(Vec::new, |cube, k| {
-            let at = UVec3::new(k % side, k / side, 0);
+            let at = UVec3::new(lo[0] + k % size[0], lo[1] + k / size[0], 0);
             let (base, n) = node_cube(lattice, place, level, at);
             let (mut known, solid) = near(texels, base, n, side);
             for o in [0, 1, 2, 3].map(octant_offset) {
-                let child = finer.and_then(|f| {
-                    f.columns
-                        .get(((at.y * 2 + o.y) * f.side + at.x * 2 + o.x) as usize)
-                });
+                let child = finer.and_then(|f| f.column([at.x * 2 + o.x, at.y * 2 + o.y]));
                 known.extend(child.iter().flat_map(|c| c.known.iter().map(|n| n.0 / 2)));
             }
             known.sort_unstable();
@@ -139,7 +175,7 @@ pub(crate) fn level_nodes(
             }
         })
         .collect();
-    LevelNodes { side, columns }
+    LevelNodes { lo, size, columns }
 }
 
 fn agree(own: State, child: State) -> bool {

@@ -41,15 +41,22 @@ fn edges(v: &[DVec3; 3], normal: DVec3, r: usize, extent: f64) -> [Edge; 3] {
     })
 }
 
+/// The whole number at or below a place that is within 2^62: what the instruction set at large lacks.
+#[inline]
+fn floor(x: f64) -> f64 {
+    let whole = x as i64 as f64;
+    if whole > x { whole - 1.0 } else { whole }
+}
+
 /// The range of q that squares at `p` may have, one more on both sides.
 fn row(edges: &[Edge; 3], p: f64, lo: f64, hi: f64) -> (f64, f64) {
     let (mut from, mut to) = (lo, hi);
     for e in edges {
         let rest = e.a * p + e.d;
         if e.b > 0.0 {
-            from = from.max((-rest / e.b).floor() - 1.0);
+            from = from.max(floor(-rest / e.b) - 1.0);
         } else if e.b < 0.0 {
-            to = to.min((-rest / e.b).ceil() + 1.0);
+            to = to.min(-floor(rest / e.b) + 1.0);
         }
     }
     (from, to)
@@ -90,8 +97,8 @@ pub(crate) fn for_each_cell(triangle: &[DVec3; 3], clip: &CellBox, mut visit: im
         while j <= end {
             if facing.iter().all(|e| e.meets(i, j)) {
                 let plane = v[0][c] + slope[0] * (i - v[0][a]) + slope[1] * (j - v[0][b]);
-                let mut k = (plane + below).floor().max(lo[c]);
-                let last = (plane + above).floor().min(hi[c]);
+                let mut k = floor(plane + below).max(lo[c]);
+                let last = floor(plane + above).min(hi[c]);
                 while k <= last {
                     if along_a.iter().all(|e| e.meets(j, k)) && along_b.iter().all(|e| e.meets(k, i)) {
                         let mut cell = [0; 3];
@@ -147,13 +154,13 @@ pub(crate) fn closest_point(triangle: &[DVec3; 3], p: DVec3) -> [f64; 3] {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
     use std::collections::BTreeSet;
 
     /// Separation of a triangle and a cell over all 13 axes: positive if apart.
-    fn separation(v: &[DVec3; 3], cell: DVec3) -> f64 {
+    pub(in crate::build) fn separation(v: &[DVec3; 3], cell: DVec3) -> f64 {
         let e = [v[1] - v[0], v[2] - v[1], v[0] - v[2]];
         let mut axes = vec![DVec3::X, DVec3::Y, DVec3::Z, e[0].cross(e[1])];
         axes.extend(

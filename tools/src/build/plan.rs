@@ -4,15 +4,15 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
+use super::bins::Bins;
 use super::error::BuildError;
 use super::lattice::{Lattice, TreePlace};
-use super::surface::Surfaces;
 use crate::input::Layer;
 
 /// Farthest cell from the origin of the lattice.
 const MAX_CELL: f64 = (1u64 << 40) as f64;
 /// Most columns of trees, and most trees.
-const MAX_TREES: usize = brickfell_formats::scene::MAX_ITEMS;
+pub(super) const MAX_TREES: usize = brickfell_formats::scene::MAX_ITEMS;
 /// Solid ground goes on below the lowest height for this many root voxels, so that it is opaque at every level.
 const SOLID_ROOT_VOXELS: i64 = 2;
 
@@ -23,8 +23,6 @@ pub(crate) struct TreeColumn {
     pub(crate) bottom: Option<i64>,
     /// Heights that trees must cover: lowest cell, and the one above the highest; multiples of the root voxel.
     range: Option<(i64, i64)>,
-    /// Triangles that may meet the column or its margin, ascending.
-    pub(crate) triangles: Vec<u32>,
 }
 
 /// All columns of trees by (x, y) in tree sides.
@@ -45,20 +43,15 @@ impl Plan {
     ///
     /// # Errors
     /// Inputs too far from the origin for the lattice, or too many trees.
-    pub(crate) fn new(lattice: &Lattice, layers: &[Layer], surfaces: &Surfaces) -> Result<Self, BuildError> {
+    pub(crate) fn new(lattice: &Lattice, layers: &[Layer], faces: &Bins) -> Result<Self, BuildError> {
         let mut columns = BTreeMap::new();
         for layer in layers {
             add_layer(lattice, layer, &mut columns)?;
         }
-        if surfaces.len() > u32::MAX as usize {
-            return Err(BuildError::TooManyTriangles {
-                triangles: surfaces.len(),
-            });
-        }
-        for number in 0..surfaces.len() {
-            if let Some(corners) = surfaces.corners(number) {
-                add_triangle(lattice, number as u32, &corners, &mut columns)?;
-            }
+        for (at, (low, high)) in &faces.columns {
+            let r = lattice.root_voxel();
+            let root = |z: f64| (z.floor() as i64).div_euclid(r);
+            column(lattice, &mut columns, *at)?.cover((root(*low) - 1) * r, (root(*high) + 2) * r);
         }
         let mut trees = Vec::new();
         for ((x, y), column) in &columns {
@@ -85,7 +78,11 @@ impl Plan {
     }
 }
 
-fn check(lattice: &Lattice, p: DVec3) -> Result<(), BuildError> {
+/// Whether a place (cells) is on the lattice.
+///
+/// # Errors
+/// If it is too far from the origin.
+pub(super) fn check(lattice: &Lattice, p: DVec3) -> Result<(), BuildError> {
     if p.abs().max_element() <= MAX_CELL {
         Ok(())
     } else {
@@ -146,44 +143,8 @@ fn add_layer(lattice: &Lattice, layer: &Layer, columns: &mut Columns) -> Result<
     Ok(())
 }
 
-fn add_triangle(
-    lattice: &Lattice,
-    number: u32,
-    corners: &[DVec3; 3],
-    columns: &mut Columns,
-) -> Result<(), BuildError> {
-    for corner in corners {
-        check(lattice, *corner)?;
-    }
-    let (n, r) = (lattice.side(), lattice.root_voxel());
-    let lo = corners[0].min(corners[1]).min(corners[2]).floor() - r as f64;
-    let hi = corners[0].max(corners[1]).max(corners[2]).floor() + r as f64;
-    let first = lattice.column_of(lo.x as i64, lo.y as i64);
-    let last = lattice.column_of(hi.x as i64, hi.y as i64);
-    for y in first.1..=last.1 {
-        for x in first.0..=last.0 {
-            let own = [x * n, y * n, (x + 1) * n, (y + 1) * n].map(|v| v as f64);
-            // A voxel more on all sides keeps what only touches the box.
-            let reach = (r + 1) as f64;
-            let with_margin = [own[0] - reach, own[1] - reach, own[2] + reach, own[3] + reach];
-            if heights_inside(corners, with_margin).is_none() {
-                continue;
-            }
-            let column = column(lattice, columns, (x, y))?;
-            column.triangles.push(number);
-            if let Some((low, high)) =
-                heights_inside(corners, [own[0] - 1.0, own[1] - 1.0, own[2] + 1.0, own[3] + 1.0])
-            {
-                let root = |z: f64| (z.floor() as i64).div_euclid(r);
-                column.cover((root(low) - 1) * r, (root(high) + 2) * r);
-            }
-        }
-    }
-    Ok(())
-}
-
 /// Least and greatest height of the part of a triangle over a rectangle (x0, y0, x1, y1), if there is one.
-fn heights_inside(triangle: &[DVec3; 3], rectangle: [f64; 4]) -> Option<(f64, f64)> {
+pub(super) fn heights_inside(triangle: &[DVec3; 3], rectangle: [f64; 4]) -> Option<(f64, f64)> {
     let mut polygon = triangle.to_vec();
     let [x0, y0, x1, y1] = rectangle;
     for (axis, sign, limit) in [(0, 1.0, x0), (1, 1.0, y0), (0, -1.0, -x1), (1, -1.0, -y1)] {

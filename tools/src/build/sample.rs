@@ -5,6 +5,8 @@
 //! voxel (0..1). Colour and normal have a weight of their own, the part of the voxel that surfaces meet: solid ground
 //! has none, so it never tints a coarser voxel. Every step is rounded the same way whatever tree asks for it.
 
+use bytemuck::{Pod, Zeroable};
+
 use brickfell_formats::value::{BUILD_GAIN, SOLID_ALPHA, Value, linear_to_srgb, srgb_to_linear};
 
 use super::ground::Hint;
@@ -18,7 +20,8 @@ pub(crate) const SKIN_MAX: f32 = 2.0;
 const NORMAL_ONE: f32 = 32767.0;
 
 /// One sample: 20 bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
 pub(crate) struct Sample {
     /// Weight of colour and normal, 0..1; a float since it falls by 8 a level where surfaces are small.
     pub(crate) weight: f32,
@@ -89,33 +92,6 @@ impl Sample {
     /// Whether some of it is solid.
     pub(crate) fn is_partly_solid(&self) -> bool {
         self.solid > 0
-    }
-
-    /// For scratch files.
-    pub(crate) fn to_bytes(self) -> [u8; 20] {
-        let mut bytes = [0; 20];
-        bytes[..4].copy_from_slice(&self.weight.to_le_bytes());
-        let [a, b, c] = self.normal.map(|n| n as u16);
-        let codes = [self.skin, self.solid]
-            .into_iter()
-            .chain(self.rgb)
-            .chain([a, b, c]);
-        for (two, code) in bytes[4..].chunks_exact_mut(2).zip(codes) {
-            two.copy_from_slice(&code.to_le_bytes());
-        }
-        bytes
-    }
-
-    /// What [`Sample::to_bytes`] was given.
-    pub(crate) fn from_bytes(bytes: [u8; 20]) -> Self {
-        let code = |k: usize| u16::from_le_bytes([bytes[2 * k + 4], bytes[2 * k + 5]]);
-        Self {
-            weight: f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
-            skin: code(0),
-            solid: code(1),
-            rgb: [2, 3, 4].map(code),
-            normal: [5, 6, 7].map(|k| code(k) as i16),
-        }
     }
 
     /// Whether it is solid all through and met by no surface.

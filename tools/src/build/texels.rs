@@ -2,7 +2,6 @@
 
 use rayon::prelude::*;
 
-use brickfell_formats::chunk::Layers;
 use brickfell_formats::value::SOLID_ALPHA;
 
 use super::blocks::{BLOCK, Block, BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense};
@@ -108,10 +107,16 @@ impl TexelLevel {
         let (mut ring, n) = (Vec::new(), side + 2);
         self.texels.gather(&self.area, base.map(|b| b - 1), n, &mut ring);
         out.clear();
+        let surfaces = ring.iter().any(|t| t.matter == Matter::Surface);
         for z in 0..side {
             for y in 0..side {
+                let row = (((z + 1) * n + y + 1) * n + 1) as usize;
+                if !surfaces {
+                    out.extend_from_slice(&ring[row..row + side as usize]);
+                    continue;
+                }
                 for x in 0..side {
-                    let at = ((z + 1) * n + y + 1) * n + x + 1;
+                    let at = row as i64 + x;
                     let texel = ring[at as usize];
                     let above = ring[(at + n * n) as usize];
                     let lone = [texel, above].iter().all(|t| t.matter == Matter::Deep);
@@ -132,14 +137,6 @@ impl TexelLevel {
         };
         opacities.gather(&self.area, base, side, out);
         true
-    }
-
-    /// What is stored of each texel.
-    pub(crate) fn layers(&self) -> Layers {
-        match &self.opacities {
-            None => Layers::Plain,
-            Some(_) => Layers::Axes,
-        }
     }
 
     /// What the texels of such a cube have in common.
@@ -166,11 +163,20 @@ impl TexelLevel {
 
 /// Deep solid with the mean look of the surfaces around it in a cube of `n`³ texels, if there are any.
 fn beside(cube: &[Texel], at: i64, n: i64) -> Option<Texel> {
-    let around = (-1..2).flat_map(|z| (-1..2).flat_map(move |y| (-1..2).map(move |x| (z * n + y) * n + x)));
-    let surfaces = around
-        .map(|offset| cube[(at + offset) as usize])
-        .filter(|t| t.matter == Matter::Surface);
-    CodedLook::mean(surfaces.map(|t| t.look)).map(|look| Sample::DEEP.texel(look))
+    let mut surfaces = [CodedLook::default(); 27];
+    let mut count = 0;
+    for z in -1..2 {
+        for y in -1..2 {
+            let row = (at + (z * n + y) * n - 1) as usize;
+            for texel in &cube[row..row + 3] {
+                if texel.matter == Matter::Surface {
+                    surfaces[count] = texel.look;
+                    count += 1;
+                }
+            }
+        }
+    }
+    CodedLook::mean(surfaces[..count].iter().copied()).map(|look| Sample::DEEP.texel(look))
 }
 
 impl<T: Copy + Default> Layer<T> {

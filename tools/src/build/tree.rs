@@ -1,125 +1,179 @@
-//! Builds one tree and writes its folder: brick files level by level from the finest up, then the octree file.
+//! Puts a tree together from its tiles and writes its folder.
 //!
-//! The folder is written under a name of its own and renamed when it is complete. Called from one thread at a time,
-//! which spreads the work over the pool's threads: memory then holds one tree.
+//! The tiles have made the finest levels; from the samples that they and the tiles around the tree leave, the rest is made up to
+//! the root. The folder is written under a name of its own and renamed when it is complete.
 
 use std::fs::{self, File};
-use std::io::{Seek, SeekFrom, Write};
+use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use glam::UVec3;
-use rayon::prelude::*;
 
 use brickfell_formats::bricks::{BrickFileWriter, HEADER_BYTES, brick_file_name};
-use brickfell_formats::chunk::{Chunk, Encoding};
+use brickfell_formats::chunk::{Encoding, Layers};
 use brickfell_formats::octree::TreeHeader;
 use brickfell_formats::value::BUILD_GAIN;
 use brickfell_formats::{morton, octree_binary};
 
+use super::bins::Bins;
 use super::error::BuildError;
-use super::filter::{Filter, Target};
-use super::finest::{Met, Sources, triangle_cells, voxelise};
-use super::ground::{GroundGrid, Hints};
-use super::groups::leave_root;
-use super::lattice::{Lattice, TreePlace};
-use super::manifest::{PARTIAL, remove_tree};
-use super::nodes::{LevelNodes, State, level_nodes, node_cube, octree};
+use super::filter::{Filter, Level, Target};
+use super::finest::Met;
+use super::ground::Hints;
+use super::groups::GroupPlace;
+use super::lattice::{CellBox, Lattice, TreePlace};
+use super::manifest::{PARTIAL, TREES, remove_tree};
+use super::nodes::{LevelNodes, State, level_nodes, octree};
 use super::plan::Plan;
-use super::surface::Surfaces;
+use super::spill::Reader;
 use super::texels::TexelLevel;
+use super::tile::{StoredChunk, Tile, TileFile, TileLevel, code_chunks, tile_top};
 use crate::input::Layer;
 
 /// Name of the octree file in a tree's folder.
 pub(crate) const TREE_FILE: &str = "tree.oct";
-/// Chunks that are coded together before they are written.
-const BATCH: usize = 64;
 
 /// Everything that trees are built from.
 pub(crate) struct Terrain<'a> {
     pub(crate) lattice: Lattice,
     pub(crate) layers: &'a [Layer],
-    pub(crate) surfaces: &'a Surfaces<'a>,
+    pub(crate) faces: &'a Bins,
     pub(crate) plan: &'a Plan,
     pub(crate) encoding: Encoding,
     pub(crate) chunk_log2: u8,
     pub(crate) filter: Filter,
 }
 
-/// Builds a tree into `folder` and leaves the samples of its root for the groups above; `None` if nothing is in it, and then
-/// there is no folder.
+impl Terrain<'_> {
+    /// What files store of each sample.
+    fn layers(&self) -> Layers {
+        match self.filter {
+            Filter::Axes => Layers::Axes,
+            _ => Layers::Plain,
+        }
+    }
+}
+
+/// A payload of a level under way to its file.
+enum Payload {
+    Made(Vec<u8>),
+    /// In the file of the tile with this number.
+    Stored(usize, StoredChunk),
+}
+
+/// Puts a tree together in the output folder `out` and leaves the samples of its root for the groups above; `None` if nothing is in it,
+/// and then it has no folder. `own` are the files of its tiles, `around` those of all tiles that may meet its margin, its own
+/// included.
 ///
 /// # Errors
-/// If a file cannot be written.
-pub(crate) fn build_tree(
+/// If a file cannot be read or written.
+pub(crate) fn finish_tree(
     terrain: &Terrain,
     place: TreePlace,
-    folder: &Path,
-    root_samples: &Path,
+    own: &[PathBuf],
+    around: &[(Tile, PathBuf)],
+    out: &Path,
 ) -> Result<Option<TreeHeader>, BuildError> {
     let lattice = &terrain.lattice;
-    let support = lattice.support(place, 0);
-    let grids: Vec<GroundGrid> = terrain
-        .layers
-        .iter()
-        .filter_map(|layer| GroundGrid::new(layer, lattice, &support))
-        .collect();
-    let column = terrain
-        .plan
-        .columns
-        .get(&lattice.column_of(place.origin[0], place.origin[1]));
-    let near = |number: &u32| {
-        let corners = terrain.surfaces.corners(*number as usize);
-        corners.is_some_and(|c| !triangle_cells(&c).intersection(&support).is_empty())
-    };
-    let triangles: Vec<u32> =
-        column.map_or(Vec::new(), |c| c.triangles.iter().copied().filter(near).collect());
-    let (mut samples, met) = voxelise(&Sources {
-        lattice: *lattice,
-        place,
-        grids: &grids,
-        bottom: &|column| terrain.plan.bottom(column),
-        surfaces: terrain.surfaces,
-        triangles: &triangles,
-        covers: terrain.filter.covers(),
-    });
-    if samples.samples.is_empty_in(&lattice.own(place).blocks()) {
+    let top = tile_top(lattice);
+    let (mut met, mut occupied) = (Met::default(), false);
+    let mut tiles: Vec<Vec<TileLevel>> = Vec::with_capacity(own.len());
+    for path in own {
+        let file = TileFile::open(path).ok_or_else(|| damaged(path))?;
+        let (head, _) = file.read(top).ok_or_else(|| damaged(path))?;
+        met = met.with(&head.met);
+        occupied |= head.occupied;
+        tiles.push(head.levels);
+    }
+    if !occupied {
         return Ok(None);
     }
-    let mut hints = Hints::finest(&grids, &support);
-    drop(grids);
+    let folder = &out.join(TREES).join(lattice.tree_name(place));
     let mut writer = FolderWriter::new(folder)?;
     let mut levels: Vec<LevelNodes> = Vec::new();
-    for mip in 0..=lattice.depth {
-        if mip > 0 {
-            let cells = lattice.support(place, mip);
-            hints = hints.coarser(lattice.layout, &cells);
-            samples = samples.coarser(
-                terrain.filter,
-                &Target {
-                    layout: lattice.layout,
-                    mip,
-                    cells,
-                },
+    for mip in 0..top {
+        let at = lattice.depth - mip;
+        let (mut nodes, mut chunks) = (Vec::new(), Vec::new());
+        for (number, tile) in tiles.iter_mut().enumerate() {
+            let level = &mut tile[usize::from(mip)];
+            chunks.extend(
+                level
+                    .chunks
+                    .iter()
+                    .map(|c| (c.morton, c.mask, Payload::Stored(number, *c))),
             );
+            nodes.push(level.nodes.clone());
         }
-        let level = lattice.depth - mip;
+        chunks.sort_unstable_by_key(|c| c.0);
+        write_bricks(terrain, at, &chunks, own, &mut writer)?;
+        levels.push(LevelNodes::joined(1 << at, nodes));
+    }
+    drop(tiles);
+    let region = lattice.tree(place);
+    let (mut level, mut hints) = gather(terrain, &region.support(top), around)?;
+    for mip in top..=lattice.depth {
+        if mip > top {
+            let cells = region.support(mip);
+            hints = hints.coarser(lattice.layout, &cells);
+            let target = Target {
+                layout: lattice.layout,
+                mip,
+                cells,
+            };
+            level = level.coarser(terrain.filter, &target);
+        }
+        let at = lattice.depth - mip;
         let texels = TexelLevel::new(
-            &samples.samples,
-            samples.skins(terrain.filter, level > 0),
+            &level.samples,
+            level.skins(terrain.filter, at > 0),
             &hints,
-            lattice.stored(place, mip),
-            &lattice.support(place, mip),
+            region.stored(lattice.layout, mip),
+            &region.support(mip),
         );
-        let nodes = level_nodes(lattice, place, level, &texels, &hints, levels.last());
-        write_bricks(terrain, place, level, &texels, &nodes.bricks(), &mut writer)?;
-        levels.push(nodes);
+        add_level(terrain, place, &texels, &hints, &mut levels, &mut writer)?;
     }
     // Before the folder: what is finished has both.
-    leave_root(lattice, place, &samples, &hints, root_samples)?;
+    GroupPlace::tree(lattice, place).leave(&level, &hints, out)?;
     finish(terrain, place, &met, levels, writer, folder)
 }
 
+/// Codes the next coarser level of a tree and writes its bricks.
+///
+/// # Errors
+/// If a file cannot be written.
+pub(crate) fn add_level(
+    terrain: &Terrain,
+    place: TreePlace,
+    texels: &TexelLevel,
+    hints: &Hints,
+    levels: &mut Vec<LevelNodes>,
+    writer: &mut FolderWriter,
+) -> Result<(), BuildError> {
+    let lattice = &terrain.lattice;
+    let at = lattice.depth - levels.len() as u8;
+    let nodes = level_nodes(
+        lattice,
+        place,
+        &lattice.tree(place),
+        at,
+        texels,
+        hints,
+        levels.last(),
+    );
+    let chunks = code_chunks(terrain, place, at, texels, &nodes.bricks())?;
+    let chunks: Vec<_> = chunks
+        .into_iter()
+        .map(|c| (morton::encode(c.at), c.mask, Payload::Made(c.payload)))
+        .collect();
+    write_bricks(terrain, at, &chunks, &[], writer)?;
+    levels.push(nodes);
+    Ok(())
+}
+
 /// Writes the octree over levels, the finest first, and ends a tree's folder; `None`, and no folder, if nothing is in it.
+///
+/// # Errors
+/// If a file cannot be written.
 pub(crate) fn finish(
     terrain: &Terrain,
     place: TreePlace,
@@ -145,6 +199,48 @@ pub(crate) fn finish(
     Ok(Some(tree.header))
 }
 
+pub(crate) fn damaged(path: &Path) -> BuildError {
+    BuildError::io(path)(std::io::Error::new(
+        std::io::ErrorKind::InvalidData,
+        "is damaged; the same build again makes it anew",
+    ))
+}
+
+/// Samples and hints over a box of cells of the coarsest mip that tiles leave.
+fn gather(
+    terrain: &Terrain,
+    extent: &CellBox,
+    around: &[(Tile, PathBuf)],
+) -> Result<(Level, Hints), BuildError> {
+    let top = tile_top(&terrain.lattice);
+    let mut files = Vec::new();
+    for (tile, path) in around {
+        files.push((
+            tile.region.cells(top),
+            path,
+            TileFile::open(path).ok_or_else(|| damaged(path))?,
+        ));
+    }
+    let mut readers: Vec<(CellBox, Reader)> = Vec::new();
+    for (cells, path, file) in &files {
+        let (_, rest) = file.read(top).ok_or_else(|| damaged(path))?;
+        readers.push((*cells, rest));
+    }
+    read_samples(extent, readers, terrain.filter)
+        .ok_or_else(|| damaged(files.first().map_or(Path::new(""), |f| f.1)))
+}
+
+/// Samples and hints over a box of cells, of what was written of boxes that do not meet; `None` if that is damaged.
+pub(crate) fn read_samples(
+    extent: &CellBox,
+    mut parts: Vec<(CellBox, Reader)>,
+    filter: Filter,
+) -> Option<(Level, Hints)> {
+    let hints = Hints::read(extent, &mut parts)?;
+    let level = Level::read(extent, &mut parts, filter)?;
+    Some((level, hints))
+}
+
 fn header(lattice: &Lattice, place: TreePlace, met: &Met) -> TreeHeader {
     let local = |p: [i64; 3]| UVec3::from_array(std::array::from_fn(|k| (p[k] - place.origin[k]) as u32));
     TreeHeader {
@@ -161,71 +257,56 @@ fn header(lattice: &Lattice, place: TreePlace, met: &Met) -> TreeHeader {
 }
 
 /// Writes the brick file of a level, if it has bricks.
-pub(crate) fn write_bricks(
+fn write_bricks(
     terrain: &Terrain,
-    place: TreePlace,
     level: u8,
-    texels: &TexelLevel,
-    bricks: &[UVec3],
+    chunks: &[(u64, u64, Payload)],
+    tiles: &[PathBuf],
     writer: &mut FolderWriter,
 ) -> Result<(), BuildError> {
-    if bricks.is_empty() {
+    if chunks.is_empty() {
         return Ok(());
     }
-    let lattice = &terrain.lattice;
-    let chunk_of = |p: &UVec3| *p >> u32::from(terrain.chunk_log2);
-    let chunks: Vec<&[UVec3]> = bricks.chunk_by(|a, b| chunk_of(a) == chunk_of(b)).collect();
     let name = brick_file_name(TREE_FILE, level);
     let path = writer.path(&name);
-    let encode = |bricks: &&[UVec3]| {
-        let within = (1u32 << terrain.chunk_log2) - 1;
-        let samples = bricks.len() * lattice.layout.samples();
-        let mut chunk = Chunk {
-            mask: 0,
-            layout: lattice.layout,
-            color: Vec::with_capacity(samples),
-            normal: Vec::with_capacity(samples),
-            opacity: Vec::new(),
-        };
-        let (mut cube, mut opacities) = (Vec::new(), Vec::new());
-        for brick in *bricks {
-            chunk.mask |= 1 << morton::encode(*brick & within);
-            let (base, side) = node_cube(lattice, place, level, *brick);
-            texels.gather(base, side, &mut cube);
-            chunk.color.extend(cube.iter().map(|t| t.color));
-            chunk
-                .normal
-                .extend(cube.iter().map(|t| [t.normal[0], t.normal[1], t.normal[2], 0]));
-            if texels.gather_opacities(base, side, &mut opacities) {
-                chunk
-                    .opacity
-                    .extend(opacities.iter().map(|[x, y, z]| [*x, *y, *z, 0]));
-            }
-        }
-        let payload = chunk
-            .encode(terrain.encoding)
-            .map_err(BuildError::format(&path))?;
-        Ok((chunk.mask, payload))
-    };
-    let mut index = BrickFileWriter::new(level, lattice.layout, terrain.chunk_log2, terrain.encoding)
-        .with_layers(texels.layers());
+    let mut index = BrickFileWriter::new(
+        level,
+        terrain.lattice.layout,
+        terrain.chunk_log2,
+        terrain.encoding,
+    )
+    .with_layers(terrain.layers());
     writer.try_file(&name, |file| {
         let io = |e| BuildError::io(&path)(e);
+        let mut file = BufWriter::with_capacity(1 << 18, file);
         file.write_all(&[0; HEADER_BYTES]).map_err(io)?;
-        for batch in chunks.chunks(BATCH) {
-            let coded: Vec<(u64, Vec<u8>)> =
-                batch.par_iter().map(encode).collect::<Result<_, BuildError>>()?;
-            for (bricks, (mask, payload)) in batch.iter().zip(coded) {
-                index
-                    .push(chunk_of(&bricks[0]), mask, &payload)
-                    .map_err(BuildError::format(&path))?;
-                file.write_all(&payload).map_err(io)?;
-            }
+        let mut open: Vec<Option<File>> = tiles.iter().map(|_| None).collect();
+        let mut stored = Vec::new();
+        for (at, mask, payload) in chunks {
+            let payload = match payload {
+                Payload::Made(payload) => payload,
+                Payload::Stored(tile, chunk) => {
+                    let from = |e| BuildError::io(&tiles[*tile])(e);
+                    let source = match &mut open[*tile] {
+                        Some(file) => file,
+                        slot => slot.insert(File::open(&tiles[*tile]).map_err(from)?),
+                    };
+                    stored.resize(chunk.bytes as usize, 0);
+                    source.seek(SeekFrom::Start(chunk.offset)).map_err(from)?;
+                    source.read_exact(&mut stored).map_err(from)?;
+                    &stored
+                }
+            };
+            index
+                .push(morton::decode(*at), *mask, payload)
+                .map_err(BuildError::format(&path))?;
+            file.write_all(payload).map_err(io)?;
         }
         let (directory, header) = index.finish();
         file.write_all(&directory).map_err(io)?;
         file.seek(SeekFrom::Start(0))
             .and_then(|_| file.write_all(&header))
+            .and_then(|_| file.flush())
             .map_err(io)
     })
 }
@@ -279,7 +360,11 @@ impl FolderWriter {
         remove_tree(&self.partial)
     }
 
+    /// What is there already is the same.
     fn finish(self) -> Result<(), BuildError> {
+        if self.folder.is_dir() {
+            return self.discard();
+        }
         fs::rename(&self.partial, &self.folder).map_err(BuildError::io(&self.folder))
     }
 }

@@ -31,6 +31,9 @@ pub struct Args {
     /// Replace a database that was built from other arguments or inputs
     #[arg(long)]
     pub force: bool,
+    /// Memory to work with, in bytes or with a unit: 512MiB, 2GiB, 1.5GB
+    #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = parse_bytes)]
+    pub memory: u64,
     /// Threads to work with, 0 for one per core
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub threads: usize,
@@ -51,6 +54,28 @@ pub enum Layout {
     Corner,
 }
 
+/// A number of bytes: `1000`, `64KiB`, `1.5GB`.
+fn parse_bytes(text: &str) -> Result<u64, String> {
+    let number_end = text
+        .find(|c: char| !c.is_ascii_digit() && c != '.')
+        .unwrap_or(text.len());
+    let (number, unit) = text.split_at(number_end);
+    let unit = match unit.trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "kb" => 1e3,
+        "mb" => 1e6,
+        "gb" => 1e9,
+        "kib" => 1024.0,
+        "mib" => 1_048_576.0,
+        "gib" => 1_073_741_824.0,
+        other => return Err(format!("'{other}' is not one of B, KB, KiB, MB, MiB, GB and GiB")),
+    };
+    match number.parse::<f64>() {
+        Ok(value) if value * unit >= 1.0 => Ok((value * unit) as u64),
+        _ => Err(format!("'{number}' is not a number above 0")),
+    }
+}
+
 impl Args {
     fn build_args(&self) -> BuildArgs {
         let defaults = BuildArgs::new(&self.out);
@@ -68,6 +93,7 @@ impl Args {
             filter: self.filter,
             force: self.force,
             threads: self.threads,
+            memory: self.memory,
             ..defaults
         }
     }
@@ -151,5 +177,21 @@ mod tests {
         );
         let default = parse("a.obj --out db").unwrap().build_args();
         assert_eq!(default.layout, BuildArgs::new("db").layout);
+        assert_eq!(default.memory, BuildArgs::new("db").memory);
+    }
+
+    #[test]
+    fn sizes_of_memory() {
+        for (text, bytes) in [
+            ("12", 12),
+            ("64KiB", 65_536),
+            ("1.5 GB", 1_500_000_000),
+            ("2gib", 2 << 30),
+        ] {
+            assert_eq!(parse_bytes(text), Ok(bytes), "{text}");
+        }
+        for text in ["", "GiB", "-1", "1 XB", "0", "1e3", "nan"] {
+            assert!(parse_bytes(text).is_err(), "{text}");
+        }
     }
 }

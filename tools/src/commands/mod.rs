@@ -7,7 +7,7 @@ pub mod bench;
 pub mod build;
 pub mod check;
 pub mod compare;
-mod database;
+pub(crate) mod database;
 pub mod demo;
 pub mod fly;
 pub mod info;

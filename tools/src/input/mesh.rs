@@ -3,17 +3,16 @@
 //! Structure of arrays, immutable once loaded, read from many threads. Z is up: files with Y up are turned on loading,
 //! `(x, y, z) → (x, −z, y)`.
 
-use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::error::InputError;
-use super::linear::linear_of;
-use super::obj::{self, Corner};
-use super::surfaces::{load_materials, read_libraries, resolve};
+use super::look::Corners;
+use super::obj::{self, Corner, ObjFile, ObjTriangle};
+use super::surfaces::{Used, load_materials, read_libraries, resolve};
 use super::texture::Texture;
 
 /// Which axis of a file points up.
@@ -78,32 +77,19 @@ impl Mesh {
     /// # Errors
     /// A missing file, a number that is not finite, an index out of range, no triangle at all, a damaged texture.
     pub fn load(path: &Path, up: UpAxis) -> Result<Mesh, InputError> {
-        let bytes = fs::read(path).map_err(|e| InputError::io(path, e))?;
-        let file = obj::parse(path, &bytes)?;
-        drop(bytes);
-        if file.triangles.is_empty() {
+        let mut triangles: Vec<ObjTriangle> = Vec::new();
+        let file = obj::read(path, |_, new| {
+            triangles.extend_from_slice(new);
+            Ok::<_, InputError>(())
+        })?;
+        if triangles.is_empty() {
             return Err(InputError::EmptyMesh {
                 path: path.to_path_buf(),
             });
         }
-        if file.material_names.len() > MAX_MATERIALS {
-            let what = format!(
-                "{} materials; the limit is {MAX_MATERIALS}",
-                file.material_names.len()
-            );
-            return Err(InputError::unsupported(path, what));
-        }
-        let folder = path.parent().unwrap_or(Path::new(""));
         let mut mesh = Mesh::default();
-        let library = read_libraries(path, folder, &file.libraries, &mut mesh.warnings)?;
-        let used = resolve(
-            path,
-            &file.material_names,
-            &file.triangles,
-            &library,
-            &mut mesh.warnings,
-        );
-        mesh.materials = load_materials(&used, &library, &mut mesh.warnings)?;
+        let in_use = materials_in_use(&triangles, file.material_names.len());
+        let (used, _) = file.materials(path, &in_use, &mut mesh)?;
 
         let triangle = |(corners, material): &([Corner; 3], u32)| {
             let map = used
@@ -125,10 +111,10 @@ impl Mesh {
                 material: *material as u16,
             }
         };
-        mesh.triangles = file.triangles.par_iter().map(triangle).collect();
+        mesh.triangles = triangles.par_iter().map(triangle).collect();
         mesh.positions = file.positions;
         mesh.normals = file.normals;
-        mesh.colors = file.colors.iter().map(|c| c.map(linear_of)).collect();
+        mesh.colors = file.colors;
         if up == UpAxis::Y {
             mesh.positions
                 .iter_mut()
@@ -156,11 +142,157 @@ impl Mesh {
     }
 }
 
+impl ObjFile {
+    /// Loads the materials that are in use, with their textures. Gives the files that were read, too.
+    fn materials(
+        &self,
+        path: &Path,
+        in_use: &[bool],
+        mesh: &mut Mesh,
+    ) -> Result<(Vec<Used>, Vec<PathBuf>), InputError> {
+        if self.material_names.len() > MAX_MATERIALS {
+            let what = format!(
+                "{} materials; the limit is {MAX_MATERIALS}",
+                self.material_names.len()
+            );
+            return Err(InputError::unsupported(path, what));
+        }
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let library = read_libraries(path, folder, &self.libraries, &mut mesh.warnings)?;
+        let used = resolve(path, &self.material_names, in_use, &library, &mut mesh.warnings);
+        let mut files = library.files.clone();
+        mesh.materials = load_materials(&used, &library, &mut mesh.warnings, &mut files)?;
+        Ok((used, files))
+    }
+}
+
+/// A triangle by itself, as meshes are streamed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Face {
+    /// World metres.
+    pub corners: [DVec3; 3],
+    /// What it has there. Texture coordinates are those of the file, see [`Placing`].
+    pub at: Corners,
+    /// Number of the material in the mesh.
+    pub material: u32,
+}
+
+/// How a material's texture lies on texture coordinates: `uv · scale + offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placing {
+    /// Factor.
+    pub scale: Vec2,
+    /// Summand.
+    pub offset: Vec2,
+}
+
+impl Placing {
+    /// As they are.
+    pub const NONE: Self = Self {
+        scale: Vec2::ONE,
+        offset: Vec2::ZERO,
+    };
+}
+
+/// What a mesh that was streamed has but triangles.
+#[derive(Debug, Default)]
+pub struct Streamed {
+    /// Materials that faces refer to, and how their textures lie.
+    pub materials: Vec<(Material, Placing)>,
+    /// What was missing, one line each.
+    pub warnings: Vec<String>,
+    /// The material libraries and textures that were read.
+    pub files: Vec<PathBuf>,
+}
+
+/// Reads an OBJ file face by face: `each` gets some thousands at a time, in the order of the file. In memory are the file's
+/// vertices, and no more than a block of its text.
+///
+/// # Errors
+/// Those of [`Mesh::load`], and those of `each`.
+pub fn stream<E: From<InputError>>(
+    path: &Path,
+    up: UpAxis,
+    mut each: impl FnMut(&[Face]) -> Result<(), E>,
+) -> Result<Streamed, E> {
+    let turned = |p: DVec3| match up {
+        UpAxis::Z => p,
+        UpAxis::Y => DVec3::new(p.x, -p.z, p.y),
+    };
+    let mut in_use = Vec::new();
+    let mut any = false;
+    let file = obj::read(path, |file, triangles| {
+        any |= !triangles.is_empty();
+        in_use.resize(file.material_names.len(), false);
+        triangles.iter().for_each(|(_, m)| in_use[*m as usize] = true);
+        let face = |(corners, material): &ObjTriangle| {
+            let color = |v: u32| file.colors[v as usize];
+            let normal = |n: u32| {
+                turned(file.normals[n as usize].as_dvec3())
+                    .as_vec3()
+                    .normalize_or_zero()
+            };
+            let uv = |c: Corner| c.t.map_or(Vec2::ZERO, |t| file.texcoords[t as usize]);
+            Face {
+                corners: corners.map(|c| turned(file.positions[c.v as usize])),
+                at: Corners {
+                    uv: corners.map(uv),
+                    colors: (!file.colors.is_empty()).then(|| corners.map(|c| color(c.v))),
+                    normals: match corners.map(|c| c.n) {
+                        [Some(a), Some(b), Some(c)] => Some([a, b, c].map(normal)),
+                        _ => None,
+                    },
+                },
+                material: *material,
+            }
+        };
+        for part in triangles.chunks(1 << 16) {
+            let faces: Vec<Face> = part.par_iter().map(face).collect();
+            each(&faces)?;
+        }
+        Ok::<(), E>(())
+    })?;
+    if !any {
+        return Err(InputError::EmptyMesh {
+            path: path.to_path_buf(),
+        }
+        .into());
+    }
+    in_use.resize(file.material_names.len(), false);
+    let mut mesh = Mesh::default();
+    let (used, files) = file.materials(path, &in_use, &mut mesh)?;
+    let placing = |used: Used| {
+        let map = used.found.and_then(|m| m.color_map);
+        map.map_or(Placing::NONE, |m| Placing {
+            scale: m.scale,
+            offset: m.offset,
+        })
+    };
+    Ok(Streamed {
+        materials: mesh
+            .materials
+            .into_iter()
+            .zip(used.into_iter().map(placing))
+            .collect(),
+        warnings: mesh.warnings,
+        files,
+    })
+}
+
+/// Which materials triangles name.
+fn materials_in_use(triangles: &[ObjTriangle], names: usize) -> Vec<bool> {
+    let mut in_use = vec![false; names];
+    for (_, material) in triangles {
+        in_use[*material as usize] = true;
+    }
+    in_use
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::input::test_data::data;
-    use std::path::PathBuf;
+    use std::fs;
 
     const TRIANGLE: &str =
         "v 1 2 3\nv 2 2 3\nv 1 3 3\nvt 0 0\nvt 3 0\nvt 0 -2\nvn 0 1 0\nf 1/1/1 2/2/1 3/3/1\n";

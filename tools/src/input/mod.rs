@@ -40,6 +40,6 @@ pub use heights::{HeightMap, HeightOptions, HeightUnit, load_layer};
 pub use image_file::Raster;
 pub use imagery::{Imagery, ramp_color};
 pub use layer::Layer;
-pub use look::Look;
-pub use mesh::{Material, Mesh, Triangle, UpAxis};
+pub use look::{Corners, Look};
+pub use mesh::{Face, Material, Mesh, Placing, Streamed, Triangle, UpAxis};
 pub use texture::Texture;

@@ -11,7 +11,6 @@ use super::image_file::Raster;
 use super::linear::linear_of;
 use super::materials::{self, MtlMaterial};
 use super::mesh::Material;
-use super::obj::Corner;
 use super::texture::Texture;
 
 /// A material name of the mesh and what the libraries say about it.
@@ -24,6 +23,8 @@ pub(crate) struct Used {
 pub(crate) struct Library {
     /// Materials by name and the folder of the library that has them.
     materials: HashMap<String, (MtlMaterial, PathBuf)>,
+    /// The libraries' own files.
+    pub(crate) files: Vec<PathBuf>,
 }
 
 /// Reads the libraries that a mesh in `folder` names; a missing one is a warning.
@@ -35,6 +36,7 @@ pub(crate) fn read_libraries(
 ) -> Result<Library, InputError> {
     let mut library = Library {
         materials: HashMap::new(),
+        files: Vec::new(),
     };
     for written in names {
         let whole = folder.join(written.replace('\\', "/"));
@@ -56,6 +58,7 @@ pub(crate) fn read_libraries(
                 ));
                 continue;
             }
+            library.files.push(file.clone());
             let home = file.parent().unwrap_or(folder).to_path_buf();
             for material in materials::read(&file)? {
                 library
@@ -72,16 +75,10 @@ pub(crate) fn read_libraries(
 pub(crate) fn resolve(
     path: &Path,
     names: &[String],
-    triangles: &[([Corner; 3], u32)],
+    in_use: &[bool],
     library: &Library,
     warnings: &mut Vec<String>,
 ) -> Vec<Used> {
-    let mut in_use = vec![false; names.len()];
-    for (_, material) in triangles {
-        if let Some(flag) = in_use.get_mut(*material as usize) {
-            *flag = true;
-        }
-    }
     let resolve = |(name, in_use): (&String, bool)| {
         let found = if in_use {
             library.materials.get(name).map(|(material, _)| material.clone())
@@ -99,17 +96,18 @@ pub(crate) fn resolve(
             found,
         }
     };
-    names.iter().zip(in_use).map(resolve).collect()
+    names.iter().zip(in_use.iter().copied()).map(resolve).collect()
 }
 
 /// The files of a material's colour and of its opacity.
 type Maps = (Option<PathBuf>, Option<PathBuf>);
 
-/// Loads the textures, each once, and makes one material of each name, in their order.
+/// Loads the textures, each once, and makes one material of each name, in their order. Their files are added to `files`.
 pub(crate) fn load_materials(
     used: &[Used],
     library: &Library,
     warnings: &mut Vec<String>,
+    files: &mut Vec<PathBuf>,
 ) -> Result<Vec<Material>, InputError> {
     let mut maps: Vec<Maps> = Vec::with_capacity(used.len());
     for material in used {
@@ -146,6 +144,13 @@ pub(crate) fn load_materials(
         .collect();
     wanted.sort();
     wanted.dedup();
+    files.extend(
+        wanted
+            .iter()
+            .flat_map(|(color, alpha)| [color, alpha])
+            .flatten()
+            .cloned(),
+    );
     let textures: HashMap<Maps, Arc<Texture>> = wanted
         .into_par_iter()
         .map(|maps| Ok((maps.clone(), Arc::new(load_texture(&maps)?))))

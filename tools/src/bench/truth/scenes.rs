@@ -62,25 +62,26 @@ pub(super) struct Variant {
 /// Settings that need nothing built anew.
 pub(super) fn settings() -> Vec<(String, RenderSettings)> {
     let default = RenderSettings::default();
-    let bias = [-0.75, -0.25, 0.0, 0.5, 1.0]
+    let bias = [-1.25, -0.75, -0.5, -0.25, 0.0, 0.5, 1.0]
         .map(|bias| (format!("bias {bias}"), RenderSettings { bias, ..default }));
     let step = [("step 1/2", -1), ("step 2", 1)]
         .map(|(name, step)| (name.into(), RenderSettings { step, ..default }));
-    let nearest = RenderSettings {
-        mix_levels: false,
-        ..default
-    };
-    let sharp = RenderSettings {
-        bias: -1.0,
-        ..nearest
-    };
-    bias.into_iter()
-        .chain(step)
-        .chain([
-            ("nearest level".into(), nearest),
-            ("nearest level, bias -1".into(), sharp),
-        ])
-        .collect()
+    let fade = [
+        ("nearest level", 0.0, default.bias),
+        ("mixed everywhere", 1.0, default.bias),
+        ("mixed everywhere, bias -0.5", 1.0, -0.5),
+    ]
+    .map(|(name, fade, bias)| {
+        (
+            name.into(),
+            RenderSettings {
+                bias,
+                fade,
+                ..default
+            },
+        )
+    });
+    bias.into_iter().chain(step).chain(fade).collect()
 }
 
 /// The same view with so many times the pixels per axis.

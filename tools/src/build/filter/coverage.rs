@@ -8,13 +8,16 @@
 
 use std::sync::LazyLock;
 
+use bytemuck::{Pod, Zeroable};
+
 use super::step::{Parts, Rule};
 use crate::build::blocks::{Block, Blocks, in_block};
 use crate::build::lattice::SIDE;
 use crate::build::sample::{SKIN_MAX, Sample};
 
 /// Outlines of a voxel against x, y, z. Against axis a, bit `8 v + u` is the place u along axis a + 1, v along a + 2 (mod 3).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(transparent)]
 pub(crate) struct Cover(pub(crate) [u64; 3]);
 
 impl Cover {
@@ -85,7 +88,12 @@ pub(crate) struct Skins<'a> {
 impl Skins<'_> {
     /// Skins of a cell against the axes.
     pub(crate) fn at(&self, cell: [i64; 3]) -> [f32; 3] {
-        let own = self.cover(cell);
+        let [x, y, z] = cell;
+        let column = self.covers.column(x.div_euclid(SIDE), y.div_euclid(SIDE));
+        let Block::Dense(block) = column.get(z.div_euclid(SIDE)) else {
+            return [0.0; 3];
+        };
+        let own = block[in_block(x, y, z)];
         if own == Cover::default() {
             return [0.0; 3];
         }
@@ -93,7 +101,12 @@ impl Skins<'_> {
             let beside = |step: i64| {
                 let mut at = cell;
                 at[axis] += step;
-                self.cover(at).0[axis]
+                // Most neighbours are in the same block.
+                if at[axis].div_euclid(SIDE) == cell[axis].div_euclid(SIDE) {
+                    block[in_block(at[0], at[1], at[2])].0[axis]
+                } else {
+                    self.cover(at).0[axis]
+                }
             };
             match own.0[axis] {
                 0 => 0.0,
@@ -107,6 +120,7 @@ impl Skins<'_> {
         [skins[0].max(skins[1]).max(skins[2]); 3]
     }
 
+    #[inline]
     fn cover(&self, [x, y, z]: [i64; 3]) -> Cover {
         let column = self.covers.column(x.div_euclid(SIDE), y.div_euclid(SIDE));
         match column.get(z.div_euclid(SIDE)) {

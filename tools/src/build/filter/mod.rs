@@ -12,11 +12,12 @@ use brickfell_formats::layout::SampleLayout;
 
 use self::coverage::Coverage;
 pub(crate) use self::coverage::{Cover, Skins};
-pub(crate) use self::outline::{outline, thinned};
+pub(crate) use self::outline::{Outlines, thinned};
 use self::step::{Parts, Rule, coarser};
 use super::blocks::Blocks;
 use super::lattice::CellBox;
 use super::sample::{SKIN_MAX, Sample};
+use super::spill::{Reader, Writer, read_blocks, write_blocks};
 
 /// How the opacity of open surfaces goes up a level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum)]
@@ -56,12 +57,12 @@ impl Filter {
 #[derive(Debug)]
 pub(crate) struct Level {
     pub(crate) samples: Blocks<Sample>,
-    pub(crate) kept: Kept,
+    kept: Kept,
 }
 
 /// What is kept of a level, in blocks as its samples are.
 #[derive(Debug)]
-pub(crate) enum Kept {
+enum Kept {
     Nothing,
     Means(Blocks<f32>),
     Covers(Blocks<Cover>),
@@ -104,6 +105,42 @@ impl Level {
             }
         };
         Self { samples, kept }
+    }
+
+    /// Writes what the blocks in a box of cells hold.
+    pub(crate) fn write(&self, cells: &CellBox, out: &mut Writer) {
+        write_blocks(&self.samples, cells, out);
+        match &self.kept {
+            Kept::Nothing => out.put(&0u8),
+            Kept::Means(means) => {
+                out.put(&1u8);
+                write_blocks(means, cells, out);
+            }
+            Kept::Covers(covers) => {
+                out.put(&2u8);
+                write_blocks(covers, cells, out);
+            }
+        }
+    }
+
+    /// A level over an extent (cells), of what was written of some boxes that do not meet.
+    pub(crate) fn read(extent: &CellBox, parts: &mut [(CellBox, Reader)], filter: Filter) -> Option<Self> {
+        let samples = read_blocks(extent, parts, Sample::DEEP)?;
+        let mut kinds = Vec::new();
+        for (_, part) in parts.iter_mut() {
+            kinds.push(part.get::<u8>()?);
+        }
+        let kept = match filter {
+            Filter::Mean | Filter::Double => Kept::Nothing,
+            Filter::Pow => Kept::Means(read_blocks(extent, parts, 0.0)?),
+            Filter::Coverage | Filter::Axes => Kept::Covers(read_blocks(extent, parts, Cover::default())?),
+        };
+        let kind = match &kept {
+            Kept::Nothing => 0,
+            Kept::Means(_) => 1,
+            Kept::Covers(_) => 2,
+        };
+        kinds.iter().all(|k| *k == kind).then_some(Self { samples, kept })
     }
 
     /// Skins by what samples cover, if the filter goes by that. `neighbours` tells whether the level reaches two cells beyond

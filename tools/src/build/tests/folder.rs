@@ -1,5 +1,7 @@
 //! The output folder: the same bytes always, resumed, refused, replaced.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use super::*;
 
 fn mesh_file(folder: &Path) -> PathBuf {
@@ -82,12 +84,106 @@ fn a_build_that_was_cut_short_is_resumed_to_the_same_bytes() {
     );
     let tree = |folder: &&(PathBuf, _)| !folder.0.to_string_lossy().contains("/g");
     assert_eq!(again.resumed, kept.iter().filter(tree).count());
-    assert!(again.resumed < kept.len() && !args.out.join(manifest::ROOT_SAMPLES).exists());
+    assert!(again.resumed < kept.len() && !args.out.join(manifest::SCRATCH).exists());
     assert!(
         kept.iter()
             .all(|(f, t)| fs::metadata(f.join(TREE_FILE)).unwrap().modified().unwrap() == *t)
     );
     assert!(files(&args.out) == whole);
+}
+
+#[test]
+fn a_missing_coarse_tree_is_made_again_of_the_trees_in_it_and_beside_it() {
+    struct Tiles(AtomicU64);
+    impl Progress for Tiles {
+        fn start(&self, _: u64, _: u64) {}
+        fn tiles(&self, tiles: u64, _: u64) {
+            self.0.fetch_add(tiles, Ordering::Relaxed);
+        }
+        fn finish(&self) {}
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let args = BuildArgs {
+        tree_voxels: 16,
+        ..args(folder.path(), "db")
+    };
+    let (first, again) = [(); 2].map(|()| Tiles(AtomicU64::new(0))).into();
+    let report = build(&args, &first).unwrap();
+    let whole = files(&args.out);
+    let trees = fs::read_dir(args.out.join(TREES)).unwrap().flatten();
+    let lost: Vec<PathBuf> = (trees.map(|e| e.path()))
+        .filter(|path| path.to_string_lossy().contains("/g1_x0_y0_"))
+        .collect();
+    assert!(!lost.is_empty());
+    lost.iter().for_each(|path| fs::remove_dir_all(path).unwrap());
+    assert_eq!(
+        build(&args, &again).unwrap(),
+        BuildReport {
+            resumed: report.trees,
+            ..report
+        }
+    );
+    let (first, again) = (first.0.into_inner(), again.0.into_inner());
+    assert!(0 < again && 2 * again < first, "{again} of {first}");
+    assert!(files(&args.out) == whole);
+}
+
+#[test]
+fn tiles_that_an_earlier_run_left_are_used_and_damaged_ones_are_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = args(folder.path(), "whole");
+    build(&whole, &Silent).unwrap();
+    // A file where a tree's folder is to be: the build stops there, its tiles stay.
+    let cut = BuildArgs {
+        out: folder.path().join("cut"),
+        ..whole.clone()
+    };
+    let name = fs::read_dir(whole.out.join(TREES))
+        .unwrap()
+        .flatten()
+        .next()
+        .unwrap();
+    let blocked = cut
+        .out
+        .join(TREES)
+        .join(name.file_name())
+        .with_added_extension("partial");
+    fs::create_dir_all(cut.out.join(TREES)).unwrap();
+    fs::copy(whole.out.join("build.json"), cut.out.join("build.json")).unwrap();
+    fs::write(&blocked, "no folder").unwrap();
+    assert!(build(&cut, &Silent).is_err());
+    let scratch = cut.out.join("scratch");
+    let tiles: Vec<PathBuf> = fs::read_dir(&scratch)
+        .unwrap()
+        .flatten()
+        .map(|e| e.path())
+        .collect();
+    assert!(tiles.len() > 3);
+    for (k, tile) in tiles.iter().enumerate() {
+        let bytes = fs::read(tile).unwrap();
+        match k % 3 {
+            0 => fs::write(tile, &bytes[..bytes.len() - 1]).unwrap(),
+            1 => fs::rename(tile, tile.with_added_extension("partial")).unwrap(),
+            _ => {}
+        }
+    }
+    fs::remove_file(&blocked).unwrap();
+    build(&cut, &Silent).unwrap();
+    assert!(files(&cut.out) == files(&whole.out));
+}
+
+#[test]
+fn faces_that_do_not_fit_in_memory_give_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let roomy = args(folder.path(), "roomy");
+    build(&roomy, &Silent).unwrap();
+    let tight = BuildArgs {
+        memory: 64,
+        out: folder.path().join("tight"),
+        ..roomy.clone()
+    };
+    build(&tight, &Silent).unwrap();
+    assert!(files(&tight.out) == files(&roomy.out));
 }
 
 #[test]
@@ -128,6 +224,32 @@ fn other_arguments_are_refused_without_force() {
     let mut replaced = files(&args.out);
     replaced.remove(Path::new("trees/note.txt"));
     assert!(replaced == files(&fresh.out));
+}
+
+#[test]
+fn a_texture_that_has_changed_is_another_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    write(
+        "a.obj",
+        "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 9 0 0\nv 0 9 1\nvt 0 0\nf 1/1 2/1 3/1\n",
+    );
+    write("a.mtl", "newmtl m\nmap_Kd a.png\n");
+    let paint = |color| {
+        let picture = image::RgbImage::from_pixel(2, 2, image::Rgb(color));
+        picture.save(folder.path().join("a.png")).unwrap();
+    };
+    paint([255, 0, 0]);
+    let args = BuildArgs {
+        inputs: vec![folder.path().join("a.obj")],
+        voxel: Some(0.5),
+        tree_voxels: 32,
+        ..BuildArgs::new(folder.path().join("db"))
+    };
+    build(&args, &Silent).unwrap();
+    assert!(build(&args, &Silent).is_ok());
+    paint([0, 255, 0]);
+    assert!(matches!(build(&args, &Silent), Err(BuildError::Exists(_))));
 }
 
 #[test]

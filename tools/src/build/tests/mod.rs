@@ -1,5 +1,6 @@
 //! Tests of whole builds: what they share, and one module a topic.
 
+mod exact;
 mod filters;
 mod folder;
 mod opacity;
@@ -21,7 +22,7 @@ use super::lattice::Lattice;
 use super::nodes::node_cube;
 use super::*;
 use crate::input::georef::Placement;
-use crate::input::{GeoTransform, Georef, HeightMap, Imagery, Layer, Material, Raster, Texture, Triangle};
+use crate::input::{GeoTransform, Georef, HeightMap, Imagery, Material, Mesh, Raster, Texture, Triangle};
 
 /// A stored sample: colour, normal, and opacities against the axes (the alpha where they are not told apart).
 pub(crate) type Value = ([u8; 4], [i8; 3], [u8; 3]);
@@ -99,6 +100,15 @@ pub(crate) fn build_into(
     build_filtered(out, inputs, voxel, tree, layout, Filter::default())
 }
 
+/// The faces of meshes.
+pub(crate) fn bins(inputs: &Inputs, lattice: Lattice) -> Bins {
+    let mut bins = Bins::new(lattice, Path::new(""), usize::MAX);
+    for mesh in &inputs.meshes {
+        bins.add_mesh(mesh).unwrap();
+    }
+    bins
+}
+
 /// Builds into a folder with a filter.
 pub(crate) fn build_filtered(
     out: &Path,
@@ -119,7 +129,15 @@ pub(crate) fn build_filtered(
         depth: (tree / 8).ilog2() as u8,
         layout,
     };
-    inputs.build(&args, lattice, &Silent).unwrap()
+    build_from(
+        &args,
+        lattice,
+        &inputs.layers,
+        &bins(inputs, lattice),
+        Default::default(),
+        &Silent,
+    )
+    .unwrap()
 }
 
 /// A database as it lies on disk: every stored sample by mip and place on the lattice, constants expanded. Nothing is

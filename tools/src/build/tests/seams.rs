@@ -34,8 +34,7 @@ fn large_and_small_trees_store_the_same_samples() {
         assert_eq!(large.surface_voxels, small.surface_voxels);
         // Solid goes down by root voxels, which are not the same; compare above.
         let bottom = |lattice: &Lattice| {
-            let surfaces = Surfaces::new(&inputs.meshes, *lattice);
-            let plan = Plan::new(lattice, &inputs.layers, &surfaces).unwrap();
+            let plan = Plan::new(lattice, &inputs.layers, &bins(&inputs, *lattice)).unwrap();
             plan.columns.values().filter_map(|c| c.bottom).max().unwrap()
         };
         let bottom = bottom(&large.lattice).max(bottom(&small.lattice));
@@ -86,39 +85,41 @@ fn constants_expand_to_what_bricks_would_store() {
         let db = db(&inputs, 64, layout, filter);
         assert!(db.constants > 10);
         let lattice = db.lattice;
-        let surfaces = Surfaces::new(&inputs.meshes, lattice);
-        let plan = Plan::new(&lattice, &inputs.layers, &surfaces).unwrap();
-        let triangles: Vec<u32> = (0..surfaces.len() as u32).collect();
+        let bins = bins(&inputs, lattice);
+        let plan = Plan::new(&lattice, &inputs.layers, &bins).unwrap();
         for place in &plan.trees {
-            let support = lattice.support(*place, 0);
+            let region = lattice.tree(TreePlace { origin: place.origin });
+            let support = region.support(0);
             let grids: Vec<_> = inputs
                 .layers
                 .iter()
                 .filter_map(|l| GroundGrid::new(l, &lattice, &support))
                 .collect();
+            // Trees of this size are one tile each.
+            let faces = bins.near(region.own.lo, &support).unwrap();
             let (mut samples, _) = voxelise(&Sources {
                 lattice,
-                place: TreePlace { origin: place.origin },
+                region,
                 grids: &grids,
                 bottom: &|c| plan.bottom(c),
-                surfaces: &surfaces,
-                triangles: &triangles,
+                materials: &bins.materials,
+                faces: &faces,
                 covers: filter.covers(),
             });
             let mut hints = Hints::finest(&grids, &support);
             for mip in 0..=lattice.depth {
                 if mip > 0 {
-                    let cells = lattice.support(*place, mip);
+                    let cells = region.support(mip);
                     hints = hints.coarser(layout, &cells);
                     samples = samples.coarser(filter, &Target { layout, mip, cells });
                 }
-                let area = lattice.stored(*place, mip);
+                let area = region.stored(layout, mip);
                 let texels = TexelLevel::new(
                     &samples.samples,
                     samples.skins(filter, mip < lattice.depth),
                     &hints,
                     area,
-                    &lattice.support(*place, mip),
+                    &region.support(mip),
                 );
                 let (mut cube, side) = (Vec::new(), area.hi[0] - area.lo[0]);
                 texels.gather(area.lo, side, &mut cube);

@@ -1,0 +1,316 @@
+//! The triangles of all meshes, each beside the tiles that it may meet: a stream of faces is sorted into one bin per column of
+//! tiles, in memory as long as they fit, else in files of the scratch folder.
+//!
+//! A face is in every bin whose tiles, margin included, it may meet, whole and with all that its look needs. Faces of a bin are in
+//! the order of the input whatever the number of threads, since what a cell gets of several faces depends on it. Filled from one
+//! thread; read from many.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::error::BuildError;
+use super::finest::triangle_cells;
+use super::lattice::{CellBox, Lattice};
+use super::manifest::{SCRATCH, is_free};
+use super::plan::{MAX_TREES, check, heights_inside};
+use super::spill::{Reader, Writer};
+use super::tile::{tile_side, tile_top};
+#[cfg(test)]
+use crate::input::Mesh;
+use crate::input::{Corners, Face, Material, Placing};
+
+/// A face in the order of the input.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Binned {
+    /// Its number through all meshes.
+    pub(crate) number: u64,
+    pub(crate) face: Face,
+}
+
+/// Faces of a column of tiles.
+#[derive(Debug, Default)]
+struct Bin {
+    held: Vec<u8>,
+    /// Bytes in its file, which come before those that are held.
+    spilled: u64,
+}
+
+/// Least and greatest height, cells.
+type Range = (f64, f64);
+
+/// All bins by column of tiles.
+#[derive(Debug)]
+pub(crate) struct Bins {
+    lattice: Lattice,
+    out: PathBuf,
+    /// Bytes that may be held.
+    limit: usize,
+    held: usize,
+    bins: BTreeMap<(i64, i64), Bin>,
+    pub(crate) materials: Vec<(Material, Placing)>,
+    /// Columns of trees that faces meet, and the heights that they have there.
+    pub(crate) columns: BTreeMap<(i64, i64), Range>,
+    faces: u64,
+}
+
+/// What a part of the faces puts into bins and columns.
+#[derive(Default)]
+struct Sorted {
+    bins: BTreeMap<(i64, i64), Writer>,
+    columns: BTreeMap<(i64, i64), Range>,
+}
+
+const COLORS: u8 = 1;
+const NORMALS: u8 = 2;
+const UV: u8 = 4;
+
+impl Bins {
+    /// Without faces. `out` is the folder of the database, `limit` the bytes that may be held in memory.
+    pub(crate) fn new(lattice: Lattice, out: &Path, limit: usize) -> Self {
+        Self {
+            lattice,
+            out: out.to_path_buf(),
+            limit,
+            held: 0,
+            bins: BTreeMap::new(),
+            materials: Vec::new(),
+            columns: BTreeMap::new(),
+            faces: 0,
+        }
+    }
+
+    /// Number of faces.
+    pub(crate) fn len(&self) -> u64 {
+        self.faces
+    }
+
+    /// Adds a mesh that is in memory.
+    ///
+    /// # Errors
+    /// Those of [`Self::add`].
+    #[cfg(test)]
+    pub(crate) fn add_mesh(&mut self, mesh: &Mesh) -> Result<(), BuildError> {
+        let first = self.materials.len() as u32;
+        let faces: Vec<Face> = mesh
+            .triangles
+            .iter()
+            .map(|t| Face {
+                corners: mesh.corners(t),
+                at: mesh.at_corners(t),
+                material: t.material.into(),
+            })
+            .collect();
+        self.add(&faces, first)?;
+        self.materials
+            .extend(mesh.materials.iter().cloned().map(|m| (m, Placing::NONE)));
+        Ok(())
+    }
+
+    /// Adds faces. Their materials are numbered from `first_material` on.
+    ///
+    /// # Errors
+    /// Faces too far from the origin, too many trees, a file that cannot be written.
+    pub(crate) fn add(&mut self, faces: &[Face], first_material: u32) -> Result<(), BuildError> {
+        const PART: usize = 4096;
+        let (lattice, first) = (self.lattice, self.faces);
+        let sorted: Vec<Sorted> = faces
+            .par_chunks(PART)
+            .enumerate()
+            .map(|(part, faces)| {
+                let mut sorted = Sorted::default();
+                for (k, face) in faces.iter().enumerate() {
+                    let number = first + (part * PART + k) as u64;
+                    let mut face = *face;
+                    face.material += first_material;
+                    sorted.add(&lattice, &Binned { number, face })?;
+                }
+                Ok(sorted)
+            })
+            .collect::<Result<_, BuildError>>()?;
+        self.faces += faces.len() as u64;
+        for part in sorted {
+            for (at, bytes) in part.bins {
+                self.held += bytes.0.len();
+                self.bins.entry(at).or_default().held.extend_from_slice(&bytes.0);
+            }
+            for (at, range) in part.columns {
+                cover(&mut self.columns, at, range);
+            }
+        }
+        if self.columns.len() > MAX_TREES {
+            return Err(too_many(&lattice));
+        }
+        if self.held > self.limit {
+            self.spill()?;
+        }
+        Ok(())
+    }
+
+    fn path(&self, (x, y): (i64, i64)) -> PathBuf {
+        self.out.join(SCRATCH).join(format!("bin_{x}_{y}"))
+    }
+
+    fn spill(&mut self) -> Result<(), BuildError> {
+        if !is_free(&self.out)? {
+            return Err(BuildError::Foreign(self.out.clone()));
+        }
+        let scratch = self.out.join(SCRATCH);
+        fs::create_dir_all(&scratch).map_err(BuildError::io(&scratch))?;
+        let paths: Vec<PathBuf> = self.bins.keys().map(|at| self.path(*at)).collect();
+        for (bin, path) in self.bins.values_mut().zip(paths) {
+            // The file of an earlier run begins anew.
+            let file = File::options()
+                .create(true)
+                .write(true)
+                .append(bin.spilled > 0)
+                .truncate(bin.spilled == 0)
+                .open(&path);
+            file.and_then(|mut file| file.write_all(&bin.held))
+                .map_err(BuildError::io(&path))?;
+            bin.spilled += bin.held.len() as u64;
+            bin.held = Vec::new();
+        }
+        self.held = 0;
+        Ok(())
+    }
+
+    /// The faces that may meet a box of cells which lies, but for the margin of tiles, in one column of tiles, given by a cell.
+    ///
+    /// # Errors
+    /// If its file cannot be read.
+    pub(crate) fn near(&self, cell: [i64; 3], area: &CellBox) -> Result<Vec<Binned>, BuildError> {
+        let side = tile_side(&self.lattice);
+        let at = (cell[0].div_euclid(side), cell[1].div_euclid(side));
+        let Some(bin) = self.bins.get(&at) else {
+            return Ok(Vec::new());
+        };
+        let mut near = Vec::new();
+        let mut collect = |bytes: &[u8]| {
+            let mut reader = Reader(bytes);
+            while let Some(binned) = Binned::read(&mut reader) {
+                let corners = binned.face.corners.map(|p| self.lattice.cells_of(p));
+                if !triangle_cells(&corners).intersection(area).is_empty() {
+                    near.push(binned);
+                }
+            }
+        };
+        if bin.spilled > 0 {
+            let path = self.path(at);
+            collect(&fs::read(&path).map_err(BuildError::io(&path))?);
+        }
+        collect(&bin.held);
+        Ok(near)
+    }
+}
+
+impl Sorted {
+    fn add(&mut self, lattice: &Lattice, binned: &Binned) -> Result<(), BuildError> {
+        let corners = binned.face.corners.map(|p| lattice.cells_of(p));
+        for corner in corners {
+            check(lattice, corner)?;
+        }
+        let range = |margin: f64, side: i64| {
+            let lo = corners[0].min(corners[1]).min(corners[2]).floor() - margin;
+            let hi = corners[0].max(corners[1]).max(corners[2]).floor() + margin;
+            let index = |v: f64| (v as i64).div_euclid(side);
+            (index(lo.x)..=index(hi.x), index(lo.y)..=index(hi.y))
+        };
+        // A voxel more on all sides keeps what only touches the box.
+        let margin = ((1 << tile_top(lattice)) + 1) as f64;
+        for (margin, side, is_bin) in [(margin, tile_side(lattice), true), (1.0, lattice.side(), false)] {
+            let (xs, ys) = range(margin, side);
+            let single = xs.start() == xs.end() && ys.start() == ys.end();
+            let columns = (xs.end() - xs.start() + 1).saturating_mul(ys.end() - ys.start() + 1);
+            if columns > 64 * MAX_TREES as i64 {
+                return Err(too_many(lattice));
+            }
+            for y in ys {
+                for x in xs.clone() {
+                    let heights = if single {
+                        let z = corners.map(|p| p.z);
+                        Some((z[0].min(z[1]).min(z[2]), z[0].max(z[1]).max(z[2])))
+                    } else {
+                        let own = [x * side, y * side, (x + 1) * side, (y + 1) * side].map(|v| v as f64);
+                        let area = [own[0] - margin, own[1] - margin, own[2] + margin, own[3] + margin];
+                        heights_inside(&corners, area)
+                    };
+                    match heights {
+                        None => {}
+                        Some(_) if is_bin => binned.write(self.bins.entry((x, y)).or_default()),
+                        Some(range) => cover(&mut self.columns, (x, y), range),
+                    }
+                }
+                if self.columns.len() > MAX_TREES {
+                    return Err(too_many(lattice));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+fn cover(columns: &mut BTreeMap<(i64, i64), Range>, at: (i64, i64), (lo, hi): Range) {
+    let range = columns.entry(at).or_insert((lo, hi));
+    *range = (range.0.min(lo), range.1.max(hi));
+}
+
+fn too_many(lattice: &Lattice) -> BuildError {
+    BuildError::TooManyTrees {
+        limit: MAX_TREES,
+        voxel: lattice.voxel,
+        tree: lattice.side(),
+    }
+}
+
+impl Binned {
+    fn write(&self, out: &mut Writer) {
+        let at = &self.face.at;
+        let has_uv = at.uv != [Vec2::ZERO; 3];
+        let flag = |set: bool, bit: u8| if set { bit } else { 0 };
+        out.put(&self.number);
+        out.put(&self.face.material);
+        out.put(
+            &(flag(at.colors.is_some(), COLORS) | flag(at.normals.is_some(), NORMALS) | flag(has_uv, UV)),
+        );
+        out.put(&self.face.corners.map(|c| c.to_array()));
+        if let Some(colors) = &at.colors {
+            out.put(colors);
+        }
+        if let Some(normals) = &at.normals {
+            out.put(&normals.map(|n| n.to_array()));
+        }
+        if has_uv {
+            out.put(&at.uv.map(|uv| uv.to_array()));
+        }
+    }
+
+    fn read(reader: &mut Reader) -> Option<Self> {
+        let number = reader.get()?;
+        let material = reader.get()?;
+        let flags = reader.get::<u8>()?;
+        let corners = reader.get::<[[f64; 3]; 3]>()?.map(DVec3::from_array);
+        let mut at = Corners::default();
+        if flags & COLORS != 0 {
+            at.colors = Some(reader.get()?);
+        }
+        if flags & NORMALS != 0 {
+            at.normals = Some(reader.get::<[[f32; 3]; 3]>()?.map(Vec3::from_array));
+        }
+        if flags & UV != 0 {
+            at.uv = reader.get::<[[f32; 2]; 3]>()?.map(Vec2::from_array);
+        }
+        Some(Self {
+            number,
+            face: Face {
+                corners,
+                at,
+                material,
+            },
+        })
+    }
+}
