@@ -147,6 +147,11 @@ impl GroupPlan {
             let mut above = Columns::new();
             for ((x, y), (lo, hi, ground)) in &columns {
                 let deeper = if *ground { SOLID_VOXELS } else { 0 };
+                let beside = (x - 1..x + 2).flat_map(|x| (y - 1..y + 2).map(move |y| (x, y)));
+                let beside = beside
+                    .filter_map(|at| columns.get(&at))
+                    .filter(|b| b.2 && *ground);
+                let lo = beside.map(|b| b.0).fold(*lo, i64::min);
                 let range = (lo.div_euclid(2) - deeper, (hi + 1).div_euclid(2), *ground);
                 cover(&mut above, (x.div_euclid(2), y.div_euclid(2)), range);
             }
@@ -243,15 +248,15 @@ impl GroupPlace {
             .iter()
             .zip(&files)
             .map(|(part, bytes)| (part.cells(), Reader(bytes)));
-        let (mut level, mut hints) = read_samples(&region.support(0), readers.collect(), filter)
+        let (mut level, mut hints) = read_samples(&region.support(0).grown(2), readers.collect(), filter)
             .ok_or_else(|| damaged(&out.join(SCRATCH)))?;
         let folder = out.join(TREES).join(self.name());
         let mut writer = FolderWriter::new(&folder)?;
         let mut levels = Vec::new();
         for mip in 0..=lattice.depth {
             if mip > 0 {
-                thicken(&mut level.samples, &hints, &region.support(0));
                 let cells = region.support(mip);
+                thicken(&mut level.samples, &hints, &cells);
                 hints = hints.coarser(lattice.layout, &cells);
                 let target = Target {
                     layout: lattice.layout,
@@ -271,30 +276,31 @@ impl GroupPlace {
     }
 }
 
-/// Fills ground in an area down to some voxels of the next coarser level below its surface.
+/// Fills ground in an area, given in cells of the next coarser level, down to some of its voxels below the surface there and in
+/// the cells beside, which a cliff fills in part only.
 fn thicken(samples: &mut Blocks<Sample>, hints: &Hints, area: &CellBox) {
-    let (lo, hi) = (area.lo, area.hi);
-    for (y, x) in (lo[1] / 2..hi[1] / 2).flat_map(|y| (lo[0] / 2..hi[0] / 2).map(move |x| (y, x))) {
-        let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| (2 * x + dx, 2 * y + dy));
-        // Lowest and highest cells with solid of the columns that have ground.
-        let ground: Vec<_> = (four.into_iter())
-            .filter(|(x, y)| hints.at(*x, *y)[6] > 0.0)
-            .filter_map(|(x, y)| {
-                let heights = samples.heights(x, y);
-                let is_solid = |z: &i64| samples.at([x, y, *z], Sample::DEEP).is_partly_solid();
-                Some((
-                    x,
-                    y,
-                    heights.clone().find(is_solid)?,
-                    { heights }.rfind(is_solid)?,
-                ))
-            })
-            .collect();
-        let Some(top) = ground.iter().map(|g| g.3).min() else {
+    // Lowest and highest cell with solid, where there is ground.
+    let ground = |samples: &Blocks<Sample>, x, y| {
+        let heights = samples.heights(x, y);
+        let is_solid = |z: &i64| samples.at([x, y, *z], Sample::DEEP).is_partly_solid();
+        let is_ground = hints.at(x, y)[6] > 0.0;
+        let lowest = heights.clone().find(is_solid).filter(|_| is_ground)?;
+        Some((lowest, { heights }.rfind(is_solid)?))
+    };
+    let square = |lo: [i64; 2], side| {
+        (lo[1]..lo[1] + side).flat_map(move |y| (lo[0]..lo[0] + side).map(move |x| (x, y)))
+    };
+    let cells = (area.lo[1]..area.hi[1]).flat_map(|y| (area.lo[0]..area.hi[0]).map(move |x| (2 * x, 2 * y)));
+    for (x, y) in cells {
+        let around = square([x - 2, y - 2], 6).filter_map(|(x, y)| ground(samples, x, y));
+        let Some(top) = around.map(|g| g.1).min() else {
             continue;
         };
         let bottom = 2 * (top.div_euclid(2) - SOLID_VOXELS);
-        for (x, y, lowest, _) in ground {
+        for (x, y) in square([x, y], 2) {
+            let Some((lowest, _)) = ground(samples, x, y) else {
+                continue;
+            };
             for z in bottom.min(2 * lowest.div_euclid(2))..lowest {
                 samples.put([x, y, z], Sample::DEEP);
             }
