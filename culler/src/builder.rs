@@ -5,7 +5,7 @@
 
 use crate::bounds::{Aabb, BoundsError};
 use crate::order::sweep_overlaps;
-use crate::scene::{GroupId, Node, NodeKind, SceneGraph, TreeId};
+use crate::scene::{Coarse, GroupId, Node, NodeKind, SceneGraph, TreeId};
 use glam::DVec3;
 use std::collections::HashSet;
 use thiserror::Error;
@@ -29,6 +29,14 @@ pub enum SceneError {
     /// The id is not below [`TreeId::LIMIT`].
     #[error("tree id {} is not below {}", .0.0, TreeId::LIMIT)]
     TreeIdTooLarge(TreeId),
+    /// The finest voxel of a coarse tree is not finite and above zero.
+    #[error("coarse tree {} has voxels of {voxel} m", .tree.0)]
+    Voxel {
+        /// The tree refused.
+        tree: TreeId,
+        /// Its voxel.
+        voxel: f64,
+    },
     /// There is no such group yet.
     #[error("there is no group {}", .0.0)]
     UnknownGroup(GroupId),
@@ -42,6 +50,8 @@ pub enum SceneError {
 pub struct SceneBuilder {
     /// Children of each group in order of addition.
     children: Vec<Vec<Child>>,
+    /// Coarse trees of each group in order of addition, with their finest voxels.
+    coarse: Vec<Vec<(TreeId, Aabb, f64)>>,
     trees: HashSet<TreeId>,
 }
 
@@ -55,6 +65,7 @@ impl SceneBuilder {
     pub(crate) fn new() -> SceneBuilder {
         SceneBuilder {
             children: vec![Vec::new()],
+            coarse: vec![Vec::new()],
             trees: HashSet::new(),
         }
     }
@@ -67,6 +78,7 @@ impl SceneBuilder {
         let parent = self.parent(parent)?;
         let id = GroupId(self.children.len() as u32);
         self.children.push(Vec::new());
+        self.coarse.push(Vec::new());
         self.children[parent.0 as usize].push(Child::Group(id));
         Ok(id)
     }
@@ -81,6 +93,33 @@ impl SceneBuilder {
         tree: TreeId,
         bounds: Aabb,
     ) -> Result<(), SceneError> {
+        let parent = self.claim(parent, tree, &bounds)?;
+        self.children[parent.0 as usize].push(Child::Tree(tree, bounds));
+        Ok(())
+    }
+
+    /// Adds a coarse tree to a group, with its half-open box and the side of its finest voxels in world metres. All of a
+    /// group's together stand for what is in it.
+    ///
+    /// # Errors
+    /// [`SceneError`] naming the tree if its box, voxel or id is bad, or if the group is unknown.
+    pub fn add_coarse(
+        &mut self,
+        group: GroupId,
+        tree: TreeId,
+        bounds: Aabb,
+        voxel: f64,
+    ) -> Result<(), SceneError> {
+        if !(voxel.is_finite() && voxel > 0.0) {
+            return Err(SceneError::Voxel { tree, voxel });
+        }
+        let group = self.claim(Some(group), tree, &bounds)?;
+        self.coarse[group.0 as usize].push((tree, bounds, voxel));
+        Ok(())
+    }
+
+    /// Checks a tree of any kind and takes its id.
+    fn claim(&mut self, parent: Option<GroupId>, tree: TreeId, bounds: &Aabb) -> Result<GroupId, SceneError> {
         let parent = self.parent(parent)?;
         bounds
             .validate()
@@ -91,8 +130,7 @@ impl SceneBuilder {
         if !self.trees.insert(tree) {
             return Err(SceneError::DuplicateTree(tree));
         }
-        self.children[parent.0 as usize].push(Child::Tree(tree, bounds));
-        Ok(())
+        Ok(parent)
     }
 
     /// Lays the nodes out and computes each group's bounds and whether its children are pairwise disjoint.
@@ -108,7 +146,14 @@ impl SceneBuilder {
                 first: 0,
                 count: 0,
                 disjoint: true,
+                coarse: Coarse::default(),
             },
+        };
+        let leaf = |id: TreeId, bounds: Aabb, kind: NodeKind| Node {
+            bounds,
+            id: id.0,
+            empty: bounds.is_empty(),
+            kind,
         };
         let mut nodes = vec![group(GroupId::ROOT)];
         let mut at = 0;
@@ -119,29 +164,36 @@ impl SceneBuilder {
                 let children = &self.children[node.id as usize];
                 nodes.extend(children.iter().map(|child| match *child {
                     Child::Group(id) => group(id),
-                    Child::Tree(id, bounds) => Node {
-                        bounds,
-                        id: id.0,
-                        empty: bounds.is_empty(),
-                        kind: NodeKind::Tree,
-                    },
+                    Child::Tree(id, bounds) => leaf(id, bounds, NodeKind::Tree),
                 }));
-                let count = children.len() as u32;
+                let coarse = &self.coarse[node.id as usize];
+                nodes.extend((coarse.iter()).map(|(id, bounds, _)| leaf(*id, *bounds, NodeKind::Coarse)));
                 nodes[at].kind = NodeKind::Group {
                     first,
-                    count,
+                    count: children.len() as u32,
                     disjoint: true,
+                    coarse: Coarse {
+                        count: coarse.len() as u32,
+                        voxel: coarse.iter().map(|c| c.2).fold(0.0, f64::max),
+                    },
                 };
             }
             at += 1;
         }
         // Children have larger indices than their parents: backwards is bottom-up, however deep the nesting.
         for at in (0..nodes.len()).rev() {
-            if let NodeKind::Group { first, count, .. } = nodes[at].kind {
-                let children = &nodes[first as usize..(first + count) as usize];
-                let boxes: Vec<Aabb> = children.iter().filter(|n| !n.empty).map(|n| n.bounds).collect();
+            if let NodeKind::Group {
+                first, count, coarse, ..
+            } = nodes[at].kind
+            {
+                let boxes = |first: u32, count: u32| {
+                    let nodes = &nodes[first as usize..(first + count) as usize];
+                    let full = nodes.iter().filter(|node| !node.empty);
+                    full.map(|node| node.bounds).collect::<Vec<Aabb>>()
+                };
+                let (mut children, coarse_boxes) = (boxes(first, count), boxes(first + count, coarse.count));
                 let mut disjoint = true;
-                sweep_overlaps(&boxes, |_, _| {
+                sweep_overlaps(&children, |_, _| {
                     disjoint = false;
                     false
                 });
@@ -149,15 +201,17 @@ impl SceneBuilder {
                     first,
                     count,
                     disjoint,
+                    coarse,
                 };
-                if let Some(bounds) = boxes.into_iter().reduce(|a, b| a.union(&b)) {
+                children.extend(coarse_boxes);
+                if let Some(bounds) = children.into_iter().reduce(|a, b| a.union(&b)) {
                     nodes[at].bounds = bounds;
                     nodes[at].empty = false;
                 }
             }
         }
         let tree_id_limit = self.trees.iter().map(|tree| tree.0 + 1).max().unwrap_or(0);
-        SceneGraph::from_parts(nodes, self.trees.len(), tree_id_limit)
+        SceneGraph::from_parts(nodes, tree_id_limit)
     }
 
     fn parent(&self, parent: Option<GroupId>) -> Result<GroupId, SceneError> {

@@ -2,13 +2,14 @@
 //!
 //! Runs once per frame on the render thread. It goes down from the root, tests each group's children against the
 //! planes their group straddles, orders what is left and goes on with the nearest; so work and memory follow what is
-//! in view, not the size of the terrain. All scratch and the result are kept between frames: after the first frames
+//! in view, not the size of the terrain. Where a group is far enough, or what is in it is not loaded yet, it ends at the
+//! group's coarse trees ([`Cut`]). All scratch and the result are kept between frames: after the first frames
 //! nothing is allocated. Culling twice with the same arguments gives the same result.
 
 use crate::bounds::Aabb;
 use crate::camera::Camera;
 use crate::frustum::{Containment, Frustum, PlaneMask};
-use crate::scene::{NodeKind, SceneGraph, TreeId};
+use crate::scene::{Node, NodeKind, SceneGraph, TreeId};
 use crate::sort::{Item, Sorter};
 use glam::DVec3;
 
@@ -21,6 +22,33 @@ pub struct VisibleTree {
     pub bounds: Aabb,
     /// Metres from the eye to the nearest point of the box; 0 inside.
     pub distance: f64,
+    /// Of a coarse tree, how far its group lies beyond where it takes over: log2 of the footprint at the group's nearest
+    /// depth over the tree's finest voxel; 0 where it only stands in for what is not loaded. `None` for other trees.
+    pub beyond: Option<f64>,
+}
+
+/// Whether a tree can be drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Readiness {
+    /// At once.
+    Ready,
+    /// Once it is loaded.
+    Awaited,
+    /// Never: nothing has to wait for it.
+    Failed,
+}
+
+/// Where groups are drawn by their coarse trees.
+///
+/// A group is far if the footprint is at least as wide as the finest voxels of its coarse trees, all through its box.
+/// A far group is drawn by its coarse trees as soon as those are ready, another by what is inside as soon as all of that
+/// that is in view is ready (a group, by its coarse trees); until then by whichever is there.
+#[derive(Clone, Copy)]
+pub struct Cut<'a> {
+    /// Width of a pixel, metres per metre of depth along the view axis.
+    pub footprint: f64,
+    /// What can be drawn.
+    pub readiness: &'a dyn Fn(TreeId) -> Readiness,
 }
 
 /// What one frame sees.
@@ -31,7 +59,10 @@ pub struct CullResult {
     pub visible: Vec<VisibleTree>,
     /// Trees outside of the frustum but nearer than the prefetch margin, nearest first.
     pub soon_visible: Vec<VisibleTree>,
-    /// Groups whose children were looked at for `visible`.
+    /// Trees that are not in `visible` but should be there for one of the next frames: coarse trees of groups in view
+    /// that are drawn by what is inside, and what has to be there before groups that only wait for it are.
+    pub wanted: Vec<VisibleTree>,
+    /// Groups that were drawn by their coarse trees or whose children were looked at for `visible`.
     pub groups_visited: usize,
     /// Groups found outside of the frustum.
     pub groups_culled: usize,
@@ -46,6 +77,7 @@ impl CullResult {
     fn clear(&mut self) {
         self.visible.clear();
         self.soon_visible.clear();
+        self.wanted.clear();
         self.groups_visited = 0;
         self.groups_culled = 0;
         self.trees_culled = 0;
@@ -96,9 +128,24 @@ impl Culler {
         &self.result
     }
 
+    /// Culls and orders the trees of a scene, coarse ones left out, as [`Culler::cull_cut`] does.
+    pub fn cull(&mut self, scene: &SceneGraph, camera: &Camera, frame: u64) -> &CullResult {
+        let cut = Cut {
+            footprint: 0.0,
+            readiness: &|_| Readiness::Failed,
+        };
+        self.cull_cut(scene, camera, &cut, frame)
+    }
+
     /// Culls and orders the scene for this camera, which must be the one the frame is drawn with, and stamps the
     /// visible trees with `frame`.
-    pub fn cull(&mut self, scene: &SceneGraph, camera: &Camera, frame: u64) -> &CullResult {
+    pub fn cull_cut(
+        &mut self,
+        scene: &SceneGraph,
+        camera: &Camera,
+        cut: &Cut<'_>,
+        frame: u64,
+    ) -> &CullResult {
         let limit = scene.tree_id_limit() as usize;
         if self.last_access.len() < limit {
             self.last_access.resize(limit, NEVER);
@@ -122,13 +169,16 @@ impl Culler {
             scene,
             frustum: Frustum::new(camera),
             eye: camera.eye,
+            forward: camera.forward,
+            cut,
             margin: self.prefetch_margin,
             nearby,
+            wanted: &mut result.wanted,
             groups_visited: 0,
             groups_culled: 0,
             trees_culled: 0,
         };
-        walk.look_at(0, walk.frustum.full_mask(), stack);
+        walk.look_at(0, walk.frustum.full_mask(), None, stack);
         while let Some(item) = stack.pop() {
             if walk.expand(&item, children) {
                 result.order_exact &=
@@ -140,6 +190,7 @@ impl Culler {
                     tree,
                     bounds: item.bounds,
                     distance: item.distance,
+                    beyond: item.beyond,
                 });
                 if let Some(stamp) = last_access.get_mut(tree.0 as usize) {
                     *stamp = frame;
@@ -164,6 +215,7 @@ impl Culler {
             + self.sorter.capacity()
             + self.result.visible.capacity()
             + self.result.soon_visible.capacity()
+            + self.result.wanted.capacity()
     }
 }
 
@@ -172,28 +224,112 @@ struct Walk<'a> {
     scene: &'a SceneGraph,
     frustum: Frustum,
     eye: DVec3,
+    forward: DVec3,
+    cut: &'a Cut<'a>,
     margin: f64,
     nearby: &'a mut Vec<u32>,
+    wanted: &'a mut Vec<VisibleTree>,
     groups_visited: usize,
     groups_culled: usize,
     trees_culled: usize,
 }
 
 impl Walk<'_> {
-    /// Appends the children of a group that are in view and returns true; returns false for a tree.
+    /// Appends what a group is drawn by, as far as it is in view, and returns true; returns false for a tree.
     fn expand(&mut self, item: &Item, out: &mut Vec<Item>) -> bool {
-        let NodeKind::Group { first, count, .. } = self.scene.nodes()[item.node as usize].kind else {
+        let group = &self.scene.nodes()[item.node as usize];
+        let NodeKind::Group {
+            first, count, coarse, ..
+        } = group.kind
+        else {
             return false;
         };
         self.groups_visited += 1;
-        for child in first..first + count {
-            self.look_at(child, item.mask, out);
+        let (children, trees) = (first..first + count, first + count..first + count + coarse.count);
+        let readiness = self.coarse_readiness(item.node);
+        let beyond = self.beyond(group, coarse.voxel);
+        if readiness == Readiness::Ready && beyond >= 0.0 {
+            trees.for_each(|tree| self.look_at(tree, item.mask, Some(beyond), out));
+            return true;
         }
+        let before = (
+            out.len(),
+            self.nearby.len(),
+            self.groups_culled,
+            self.trees_culled,
+        );
+        children.for_each(|child| self.look_at(child, item.mask, None, out));
+        let complete = (out[before.0..].iter()).all(|child| self.is_available(child.node));
+        let opened = match readiness {
+            Readiness::Failed => return true,
+            Readiness::Ready => complete,
+            Readiness::Awaited => complete || beyond < 0.0,
+        };
+        if opened {
+            trees.for_each(|tree| self.want(tree));
+            return true;
+        }
+        if readiness == Readiness::Ready {
+            for child in &out[before.0..] {
+                self.want_first(child.node);
+            }
+        }
+        out.truncate(before.0);
+        self.nearby.truncate(before.1);
+        (self.groups_culled, self.trees_culled) = (before.2, before.3);
+        trees.for_each(|tree| self.look_at(tree, item.mask, Some(beyond.max(0.0)), out));
         true
     }
 
+    /// log2 of the footprint at a group's nearest depth over a voxel.
+    fn beyond(&self, group: &Node, voxel: f64) -> f64 {
+        let (nearest, _) = group.bounds.depth_range(self.eye, self.forward);
+        (nearest.max(0.0) * self.cut.footprint / voxel).log2()
+    }
+
+    /// Of the coarse trees of a group together; without any they count as failed.
+    fn coarse_readiness(&self, group: u32) -> Readiness {
+        let mut all = Readiness::Failed;
+        for tree in self.scene.coarse(group) {
+            match (self.cut.readiness)(TreeId(self.scene.nodes()[tree as usize].id)) {
+                Readiness::Failed => return Readiness::Failed,
+                Readiness::Ready if all != Readiness::Awaited => all = Readiness::Ready,
+                _ => all = Readiness::Awaited,
+            }
+        }
+        all
+    }
+
+    /// Whether nothing of a group or tree has to be waited for before something can be drawn of it.
+    fn is_available(&self, index: u32) -> bool {
+        let node = &self.scene.nodes()[index as usize];
+        let readiness = match node.kind {
+            NodeKind::Group { .. } => self.coarse_readiness(index),
+            _ => (self.cut.readiness)(TreeId(node.id)),
+        };
+        readiness != Readiness::Awaited
+    }
+
+    /// Wants what a group or tree can be drawn by first.
+    fn want_first(&mut self, index: u32) {
+        match self.scene.nodes()[index as usize].kind {
+            NodeKind::Group { .. } => self.scene.coarse(index).for_each(|tree| self.want(tree)),
+            _ => self.want(index),
+        }
+    }
+
+    fn want(&mut self, index: u32) {
+        let node = &self.scene.nodes()[index as usize];
+        self.wanted.push(VisibleTree {
+            tree: TreeId(node.id),
+            bounds: node.bounds,
+            distance: node.bounds.distance_to_point(self.eye),
+            beyond: matches!(node.kind, NodeKind::Coarse).then_some(0.0),
+        });
+    }
+
     /// Appends the node if it is in view.
-    fn look_at(&mut self, index: u32, mask: PlaneMask, out: &mut Vec<Item>) {
+    fn look_at(&mut self, index: u32, mask: PlaneMask, beyond: Option<f64>, out: &mut Vec<Item>) {
         let node = &self.scene.nodes()[index as usize];
         if node.empty {
             return;
@@ -206,7 +342,7 @@ impl Walk<'_> {
                 Containment::Intersects(mask) => mask,
                 Containment::Outside => {
                     match node.kind {
-                        NodeKind::Tree => self.trees_culled += 1,
+                        NodeKind::Tree | NodeKind::Coarse => self.trees_culled += 1,
                         NodeKind::Group { .. } => self.groups_culled += 1,
                     }
                     if self.margin > 0.0 && node.bounds.distance_to_point(self.eye) < self.margin {
@@ -222,10 +358,11 @@ impl Walk<'_> {
             distance,
             node: index,
             mask,
+            beyond,
         });
     }
 
-    /// Goes down from the culled nodes within the margin to their trees within the margin.
+    /// Goes down from the culled nodes within the margin to their trees within the margin, as far as groups are not far.
     fn collect_nearby(&mut self, soon: &mut Vec<VisibleTree>) {
         while let Some(index) = self.nearby.pop() {
             let node = &self.scene.nodes()[index as usize];
@@ -234,20 +371,32 @@ impl Walk<'_> {
                 continue;
             }
             match node.kind {
-                NodeKind::Tree => {
+                NodeKind::Tree | NodeKind::Coarse => {
                     soon.push(VisibleTree {
                         tree: TreeId(node.id),
                         bounds: node.bounds,
                         distance,
+                        beyond: matches!(node.kind, NodeKind::Coarse).then_some(0.0),
                     });
                 }
-                NodeKind::Group { first, count, .. } => self.nearby.extend(first..first + count),
+                NodeKind::Group {
+                    first, count, coarse, ..
+                } => {
+                    let far = self.beyond(node, coarse.voxel) >= 0.0;
+                    if far && self.coarse_readiness(index) != Readiness::Failed {
+                        self.nearby.extend(self.scene.coarse(index));
+                    } else {
+                        self.nearby.extend(first..first + count);
+                    }
+                }
             }
         }
         soon.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance).then(a.tree.cmp(&b.tree)));
     }
 }
 
+#[cfg(test)]
+mod cut_tests;
 #[cfg(test)]
 mod order_tests;
 #[cfg(test)]

@@ -13,6 +13,7 @@
 //! | [`Visitor`] | a walk over all of it: printing, statistics, expiry |
 //! | [`Frustum`], [`PlaneMask`] | box against the view pyramid; children test only what their group straddles |
 //! | [`Culler`], [`CullResult`] | visible trees front to back, trees to prefetch, last-access frames |
+//! | [`Cut`] | where groups are drawn by coarse trees of their own instead of by what is in them |
 //! | [`precedence`] | which of two boxes must come first |
 //! | [`overlapping_pairs`] | trees that have no order, for checking a scene |
 //!
@@ -68,7 +69,7 @@ mod testing;
 pub use bounds::{Aabb, BoundsError};
 pub use builder::{SceneBuilder, SceneError};
 pub use camera::{Camera, CameraError};
-pub use cull::{CullResult, Culler, VisibleTree};
+pub use cull::{CullResult, Culler, Cut, Readiness, VisibleTree};
 pub use frustum::{Containment, Frustum, PlaneMask};
 pub use order::{Precedence, exact_precedence, never_aligned, overlapping_pairs, precedence};
 pub use scene::{Descend, GroupId, GroupInfo, SceneGraph, TreeId, Visitor};

@@ -4,7 +4,9 @@
 //! it through a shared reference. Nodes lie breadth-first, so the children of a group are neighbours in memory and
 //! every child has a larger index than its parent. There is always a root group, [`GroupId::ROOT`].
 //!
-//! Invariants: bounds are finite; a group's bounds are the union of its non-empty children; a tree with a box of zero
+//! A group may have coarse trees, which stand for everything in it from afar; they lie behind its children.
+//!
+//! Invariants: bounds are finite; a group's bounds are the union of its non-empty children and coarse trees; a tree with a box of zero
 //! volume owns no point (boxes are half-open) and counts for no bounds and is never visible, but is still visited.
 
 use crate::bounds::Aabb;
@@ -44,7 +46,21 @@ pub(crate) struct Node {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum NodeKind {
     Tree,
-    Group { first: u32, count: u32, disjoint: bool },
+    Coarse,
+    Group {
+        first: u32,
+        count: u32,
+        disjoint: bool,
+        coarse: Coarse,
+    },
+}
+
+/// The coarse trees of a group: the nodes right after its children.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Coarse {
+    pub(crate) count: u32,
+    /// Side of their finest voxels, metres; the largest of them.
+    pub(crate) voxel: f64,
 }
 
 /// Groups and trees with their bounds, read-only.
@@ -52,6 +68,7 @@ pub(crate) enum NodeKind {
 pub struct SceneGraph {
     nodes: Vec<Node>,
     tree_count: usize,
+    coarse_count: usize,
     tree_id_limit: u32,
 }
 
@@ -96,7 +113,7 @@ impl SceneGraph {
         SceneBuilder::new()
     }
 
-    /// Number of trees, those with empty boxes included.
+    /// Number of trees, those with empty boxes included and coarse ones not.
     pub fn len(&self) -> usize {
         self.tree_count
     }
@@ -108,10 +125,15 @@ impl SceneGraph {
 
     /// Number of groups, the root included.
     pub fn group_count(&self) -> usize {
-        self.nodes.len() - self.tree_count
+        self.nodes.len() - self.tree_count - self.coarse_count
     }
 
-    /// One more than the largest tree id, 0 for an empty scene: the length of a table by tree id.
+    /// Number of coarse trees of groups.
+    pub fn coarse_count(&self) -> usize {
+        self.coarse_count
+    }
+
+    /// One more than the largest id of a tree or coarse tree, 0 for an empty scene: the length of a table by tree id.
     pub fn tree_id_limit(&self) -> u32 {
         self.tree_id_limit
     }
@@ -124,7 +146,7 @@ impl SceneGraph {
             .map(|root| root.bounds)
     }
 
-    /// All trees with their boxes, level by level of the nesting.
+    /// All trees with their boxes, level by level of the nesting; coarse ones are not among them.
     pub fn trees(&self) -> impl Iterator<Item = (TreeId, Aabb)> + '_ {
         self.nodes
             .iter()
@@ -139,10 +161,12 @@ impl SceneGraph {
             let node = &self.nodes[at];
             match node.kind {
                 NodeKind::Tree => visitor.visit_tree(TreeId(node.id), &node.bounds),
+                NodeKind::Coarse => {}
                 NodeKind::Group {
                     first,
                     count,
                     disjoint,
+                    ..
                 } => {
                     let info = GroupInfo {
                         id: GroupId(node.id),
@@ -164,11 +188,23 @@ impl SceneGraph {
     }
 
     /// Takes over what the builder laid out.
-    pub(crate) fn from_parts(nodes: Vec<Node>, tree_count: usize, tree_id_limit: u32) -> SceneGraph {
+    pub(crate) fn from_parts(nodes: Vec<Node>, tree_id_limit: u32) -> SceneGraph {
+        let count = |kind: fn(&NodeKind) -> bool| nodes.iter().filter(|node| kind(&node.kind)).count();
         SceneGraph {
+            tree_count: count(|kind| matches!(kind, NodeKind::Tree)),
+            coarse_count: count(|kind| matches!(kind, NodeKind::Coarse)),
             nodes,
-            tree_count,
             tree_id_limit,
+        }
+    }
+
+    /// Indices of the coarse trees of a group.
+    pub(crate) fn coarse(&self, group: u32) -> std::ops::Range<u32> {
+        match self.nodes[group as usize].kind {
+            NodeKind::Group {
+                first, count, coarse, ..
+            } => first + count..first + count + coarse.count,
+            _ => 0..0,
         }
     }
 

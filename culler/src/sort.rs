@@ -24,6 +24,8 @@ pub(crate) struct Item {
     pub(crate) node: u32,
     /// Planes that children have to be tested against.
     pub(crate) mask: PlaneMask,
+    /// See [`VisibleTree::beyond`](crate::VisibleTree::beyond).
+    pub(crate) beyond: Option<f64>,
 }
 
 /// Up to here comparing all pairs is cheaper than looking for a plane.

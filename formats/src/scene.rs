@@ -6,7 +6,7 @@
 //!                 MinX="0" MinY="0" MinZ="0" MaxX="64" MaxY="64" MaxZ="64"/>
 //! </OctTreeGroup>
 //! ```
-//! Groups nest. What is read has finite numbers within ±1e15 m, boxes with Min ≤ Max and tree files inside the terrain's
+//! Groups nest, and may have coarse trees ([`CoarseOctTree`]) that stand for all that is in them from afar. What is read has finite numbers within ±1e15 m, boxes with Min ≤ Max and tree files inside the terrain's
 //! folder; anything unknown is an error with its line and column. `docs/formats.md` lists every attribute.
 
 use glam::DVec3;
@@ -46,6 +46,8 @@ pub struct Group {
     pub groups: Vec<Group>,
     /// Trees directly inside, in document order.
     pub trees: Vec<PagedOctTree>,
+    /// What stands for everything inside where it is far enough, in document order.
+    pub coarse: Vec<CoarseOctTree>,
 }
 
 /// A reference to one tree.
@@ -59,6 +61,16 @@ pub struct PagedOctTree {
     pub bounds: Option<Bounds>,
     /// The octree file: a relative path with `/` that stays in the terrain's folder.
     pub tree_file: String,
+}
+
+/// A tree of coarse levels over everything in its group. All of a group's together are drawn instead of what is inside
+/// wherever a pixel is at least [`CoarseOctTree::voxel`] wide in the whole group.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CoarseOctTree {
+    /// Its file and place.
+    pub tree: PagedOctTree,
+    /// Side of its finest voxels, metres, above zero: those of the coarsest level of what it stands for.
+    pub voxel: f64,
 }
 
 /// A box in the world, metres.
@@ -94,7 +106,7 @@ impl Scene {
     pub fn parse_usable(bytes: &[u8]) -> Result<(Scene, Vec<FormatError>), FormatError> {
         let mut faults = Vec::new();
         let mut document = Document::new(bytes)?;
-        let (mut trees, mut groups) = (0, 0);
+        let (mut trees, mut coarse, mut groups) = (0, 0, 0);
         let (mut crs, mut root) = (None, None);
         // The groups that are open; a tree element, which has no content, is not among them.
         let mut open: Vec<Group> = Vec::new();
@@ -102,7 +114,7 @@ impl Scene {
         loop {
             match document.next()? {
                 Token::Open(element) if in_tree => {
-                    return Err(element.error("PagedOctTree has no elements inside"));
+                    return Err(element.error("a tree has no elements inside"));
                 }
                 Token::Open(element) if element.name == "OctTreeGroup" => {
                     if open.len() == MAX_NESTING {
@@ -121,8 +133,16 @@ impl Scene {
                 Token::Open(element) => match open.last_mut() {
                     Some(group) if element.name == "PagedOctTree" => {
                         trees = count(&element, trees)?;
-                        match parse_tree(&element) {
+                        match parse_tree(&element, &[]) {
                             Ok(tree) => group.trees.push(tree),
+                            Err(fault) => faults.push(fault),
+                        }
+                        in_tree = true;
+                    }
+                    Some(group) if element.name == "CoarseOctTree" => {
+                        coarse = count(&element, coarse)?;
+                        match parse_coarse(&element) {
+                            Ok(tree) => group.coarse.push(tree),
                             Err(fault) => faults.push(fault),
                         }
                         in_tree = true;
@@ -145,7 +165,8 @@ impl Scene {
             .ok_or_else(|| FormatError::file("the scene has no root group"))
     }
 
-    /// Writes the scene; [`Scene::parse`] gives it back exactly. In a group, trees stand before groups.
+    /// Writes the scene; [`Scene::parse`] gives it back exactly. In a group, coarse trees stand before trees, trees before
+    /// groups.
     pub fn to_xml(&self) -> String {
         let mut out = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n".to_string();
         write_group(&mut out, &self.root, 0, self);
@@ -154,13 +175,22 @@ impl Scene {
 
     /// All trees, depth first: a group's own in document order, then those of its groups.
     pub fn trees(&self) -> impl Iterator<Item = &PagedOctTree> {
+        self.groups().flat_map(|group| &group.trees)
+    }
+
+    /// All coarse trees, depth first: a group's own in document order, then those of its groups.
+    pub fn coarse_trees(&self) -> impl Iterator<Item = &CoarseOctTree> {
+        self.groups().flat_map(|group| &group.coarse)
+    }
+
+    /// All groups, depth first, outer ones before those inside.
+    pub fn groups(&self) -> impl Iterator<Item = &Group> {
         let mut groups = vec![&self.root];
         std::iter::from_fn(move || {
             let group = groups.pop()?;
             groups.extend(group.groups.iter().rev());
-            Some(group.trees.iter())
+            Some(group)
         })
-        .flatten()
     }
 }
 
@@ -197,8 +227,20 @@ fn parse_group(element: &Element, is_root: bool) -> Result<Group, FormatError> {
     })
 }
 
-fn parse_tree(element: &Element) -> Result<PagedOctTree, FormatError> {
+fn parse_coarse(element: &Element) -> Result<CoarseOctTree, FormatError> {
+    let tree = parse_tree(element, &["Voxel"])?;
+    let voxel = element.required("Voxel")?;
+    let metres = voxel.metres()?;
+    if metres <= 0.0 {
+        return Err(voxel.error("is not above zero"));
+    }
+    Ok(CoarseOctTree { tree, voxel: metres })
+}
+
+/// Reads what all elements of trees have; `own` are the attributes that this one has besides.
+fn parse_tree(element: &Element, own: &[&'static str]) -> Result<PagedOctTree, FormatError> {
     let mut known = vec!["Radius", "TreeFile"];
+    known.extend(own);
     known.extend(CENTER.iter().chain(&MIN).chain(&MAX));
     element.allow(&known)?;
     let radius = element.required("Radius")?;
@@ -304,17 +346,26 @@ fn write_group(out: &mut String, group: &Group, depth: usize, scene: &Scene) {
         write_text(out, name, &size.to_string());
     }
     write_bounds(out, &group.bounds);
-    if group.trees.is_empty() && group.groups.is_empty() {
+    if group.trees.is_empty() && group.groups.is_empty() && group.coarse.is_empty() {
         out.push_str("/>\n");
         return;
     }
     out.push_str(">\n");
-    for tree in &group.trees {
+    let coarse = group
+        .coarse
+        .iter()
+        .map(|c| ("CoarseOctTree", &c.tree, Some(c.voxel)));
+    let trees = group.trees.iter().map(|tree| ("PagedOctTree", tree, None));
+    for (name, tree, voxel) in coarse.chain(trees) {
         out.push_str(&indent);
-        out.push_str("  <PagedOctTree");
+        out.push_str("  <");
+        out.push_str(name);
         write_metres3(out, CENTER, tree.center);
         write_f64(out, "Radius", tree.radius);
         write_text(out, "TreeFile", &tree.tree_file);
+        if let Some(voxel) = voxel {
+            write_f64(out, "Voxel", voxel);
+        }
         write_bounds(out, &tree.bounds);
         out.push_str("/>\n");
     }

@@ -12,7 +12,8 @@
 //!
 //! # Pages
 //!
-//! See [`PageKey`]: the root of a tree, the nodes of a level, a chunk of bricks.
+//! See [`PageKey`]: the root of a tree, the nodes of a level, a chunk of bricks. A coarse tree of a group is a tree like any other
+//! here; who draws it in place of what is inside asks for and touches the one and not the others.
 //!
 //! ```text
 //!            request            a loader takes it        read, checked        parent resident

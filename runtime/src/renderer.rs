@@ -10,7 +10,7 @@ mod settle;
 use std::sync::Arc;
 use std::time::Instant;
 
-use brickfell_culler::{Camera, Culler, TreeId};
+use brickfell_culler::{Camera, Culler, Cut, Readiness, TreeId, VisibleTree};
 use brickfell_pager::{PageFault, PageKey, Pager, PagerConfig, PagerStats, Store};
 use brickfell_shaders::layout;
 
@@ -56,11 +56,11 @@ impl Default for RendererConfig {
 pub struct FrameReport {
     /// Number of the frame, from 1.
     pub frame: u32,
-    /// Trees in view.
+    /// Trees in view, where groups are far coarse ones instead of what is inside.
     pub trees_visible: usize,
     /// Of those, trees that were drawn.
     pub trees_active: usize,
-    /// Trees in view whose roots are still on the way.
+    /// Trees in view, or to be drawn instead of others in view, whose roots are still on the way.
     pub trees_waiting: usize,
     /// Bricks in the pool.
     pub bricks_resident: u32,
@@ -140,6 +140,17 @@ fn ms(since: Instant) -> f64 {
     since.elapsed().as_secs_f64() * 1e3
 }
 
+/// Keeps a tree's root, or asks for it; false while it has to be waited for.
+fn use_root(pager: &mut Pager, tree: &VisibleTree) -> bool {
+    let key = PageKey::Root(tree.tree);
+    if pager.tree(tree.tree).is_some() {
+        pager.touch(key);
+        return true;
+    }
+    pager.request(key, tree.distance / (tree.distance + 1000.0) - 1.0);
+    pager.is_failed(key)
+}
+
 impl Renderer {
     /// Opens the pools and starts the threads for a terrain.
     ///
@@ -161,7 +172,9 @@ impl Renderer {
         let caster = Caster::new(&gpu, &memory)?;
         let pager = Pager::new(
             store,
-            terrain.trees.clone(),
+            (terrain.trees.iter().chain(&terrain.coarse_trees))
+                .cloned()
+                .collect(),
             PagerConfig {
                 budget_bytes: config.ram_budget,
                 threads: config.loader_threads,
@@ -189,7 +202,7 @@ impl Renderer {
             in_flight: Vec::new(),
             request_share: 1,
             feedback_trees: Arc::from([]),
-            tree_used: vec![0; terrain.trees.len()],
+            tree_used: vec![0; terrain.trees.len() + terrain.coarse_trees.len()],
             ms_per_brick: 0.01,
             faults,
             terrain,
@@ -285,26 +298,35 @@ impl Renderer {
         report.merge_ms = ms(merge);
 
         let cull = Instant::now();
-        let result = self.culler.cull(&self.terrain.graph, camera, u64::from(frame));
+        let pager = &self.pager;
+        let cut = Cut {
+            footprint: camera.pixel_size() * (settings.bias + self.bias.extra()).exp2(),
+            readiness: &|tree| match pager.tree(tree) {
+                Some(_) => Readiness::Ready,
+                None if pager.is_failed(PageKey::Root(tree)) => Readiness::Failed,
+                None => Readiness::Awaited,
+            },
+        };
+        let result = (self.culler).cull_cut(&self.terrain.graph, camera, &cut, u64::from(frame));
         report.cull_ms = ms(cull);
         report.trees_visible = result.visible.len();
 
         let upload = Instant::now();
         let (mut records, mut active) = (Vec::new(), Vec::new());
+        for wanted in &result.wanted {
+            self.tree_used[wanted.tree.0 as usize] = u64::from(frame);
+            report.trees_waiting += usize::from(!use_root(&mut self.pager, wanted));
+        }
         for visible in result.visible.iter().take(MAX_TREES) {
             let tree = visible.tree;
-            let key = PageKey::Root(tree);
             self.tree_used[tree.0 as usize] = u64::from(frame);
+            report.trees_waiting += usize::from(!use_root(&mut self.pager, visible));
             let Some(state) = self.pager.tree(tree).cloned() else {
-                report.trees_waiting += usize::from(!self.pager.is_failed(key));
-                self.pager
-                    .request(key, visible.distance / (visible.distance + 1000.0) - 1.0);
                 continue;
             };
-            self.pager.touch(key);
             let header = state.root.header;
             if header.layout != self.terrain.layout {
-                let name = &self.terrain.trees[tree.0 as usize];
+                let name = self.terrain.file(tree);
                 let fault = format!("{name}: its sample layout differs from the scene's other trees'");
                 if !self.faults.contains(&fault) {
                     self.faults.push(fault);
@@ -313,7 +335,8 @@ impl Renderer {
             }
             match self.pool.activate(tree, &state, frame) {
                 Some(root) => {
-                    records.push(record::tree_record(camera, &header, root));
+                    let least_level = record::least_level(header.depth, visible.beyond);
+                    records.push(record::tree_record(camera, &header, root, least_level));
                     active.push(ActiveTree { tree, state });
                 }
                 None => report.trees_waiting += 1,

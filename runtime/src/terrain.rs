@@ -43,13 +43,16 @@ pub enum TerrainError {
     },
 }
 
-/// An opened terrain. Tree `TreeId(k)` is the k-th `PagedOctTree` of the scene, depth first.
+/// An opened terrain. Tree `TreeId(k)` is the k-th `PagedOctTree` of the scene, depth first; coarse trees have the ids after
+/// those, in the same order.
 #[derive(Debug)]
 pub struct Terrain {
     /// The scene as written.
     pub scene: Scene,
     /// Tree files, by [`TreeId`].
     pub trees: Vec<String>,
+    /// Files of coarse trees, by [`TreeId`] less the number of trees.
+    pub coarse_trees: Vec<String>,
     /// For the culler.
     pub graph: SceneGraph,
     /// Where samples lie in the bricks of the first readable tree; a scene has one layout.
@@ -98,6 +101,12 @@ fn root_layers(store: &dyn Store, tree: &str) -> Option<Layers> {
 }
 
 impl Terrain {
+    /// The file of a tree of any kind, empty if there is none with this id.
+    pub fn file(&self, tree: TreeId) -> &str {
+        let files = self.trees.iter().chain(&self.coarse_trees);
+        files.map(String::as_str).nth(tree.0 as usize).unwrap_or_default()
+    }
+
     /// Reads `scene.xml` and, where it gives no bounds, the trees' headers.
     ///
     /// # Errors
@@ -124,10 +133,12 @@ impl Terrain {
             .iter()
             .find_map(|name| root_layers(store.as_ref(), name))
             .unwrap_or_default();
+        let coarse_trees = scene.coarse_trees().map(|c| c.tree.tree_file.clone()).collect();
         let mut opening = Opening {
             store: store.as_ref(),
             builder: SceneGraph::builder(),
             next: 0,
+            next_coarse: trees.len() as u32,
             faults,
         };
         opening
@@ -140,6 +151,7 @@ impl Terrain {
         Ok(Self {
             scene,
             trees,
+            coarse_trees,
             graph,
             layout,
             layers,
@@ -152,6 +164,7 @@ struct Opening<'a> {
     store: &'a dyn Store,
     builder: SceneBuilder,
     next: u32,
+    next_coarse: u32,
     faults: Vec<String>,
 }
 
@@ -162,26 +175,36 @@ impl Opening<'_> {
         for tree in &group.trees {
             let tree_id = TreeId(self.next);
             self.next += 1;
-            let placed = if group.compressed {
-                Err(format!(
-                    "{}: Compressed=\"YES\" is not supported by this version",
-                    tree.tree_file
-                ))
-            } else {
-                self.bounds(tree)
-            };
-            match placed {
-                Ok(bounds) => self
-                    .builder
-                    .add_tree(Some(id), tree_id, bounds)
-                    .map_err(|e| e.to_string())?,
-                Err(fault) => self.faults.push(fault),
+            if let Some(bounds) = self.place(group, tree) {
+                let added = self.builder.add_tree(Some(id), tree_id, bounds);
+                added.map_err(|e| e.to_string())?;
+            }
+        }
+        for coarse in &group.coarse {
+            let tree_id = TreeId(self.next_coarse);
+            self.next_coarse += 1;
+            if let Some(bounds) = self.place(group, &coarse.tree) {
+                let added = self.builder.add_coarse(id, tree_id, bounds, coarse.voxel);
+                added.map_err(|e| e.to_string())?;
             }
         }
         group
             .groups
             .iter()
             .try_for_each(|inner| self.add_group(Some(id), inner))
+    }
+
+    /// The box of a tree of any kind, or a fault.
+    fn place(&mut self, group: &Group, tree: &PagedOctTree) -> Option<Aabb> {
+        let placed = if group.compressed {
+            Err(format!(
+                "{}: Compressed=\"YES\" is not supported by this version",
+                tree.tree_file
+            ))
+        } else {
+            self.bounds(tree)
+        };
+        placed.map_err(|fault| self.faults.push(fault)).ok()
     }
 
     fn bounds(&self, tree: &PagedOctTree) -> Result<Aabb, String> {

@@ -83,8 +83,10 @@ pub struct Tree {
     pub rim: u32,
     /// Steps after which a ray is stopped in this tree.
     pub max_steps: u32,
+    /// Least fractional level; above 0 where a coarse tree has just taken over.
+    pub least_level: f32,
     /// Unused.
-    pub pad: [u32; 3],
+    pub pad: [u32; 2],
 }
 
 /// What the upload kernels are told; `Scatter` in `scatter.wgsl`.

@@ -115,6 +115,7 @@ mod tests {
                 cell,
                 rim,
                 max_steps,
+                least_level,
             ]
         );
         assert_layout!(

@@ -64,7 +64,7 @@ impl World {
         let terrain = Terrain::open(&store).unwrap();
         assert!(terrain.faults.is_empty(), "{:?}", terrain.faults);
         Self {
-            reference: Arc::new(Reference::new(Arc::clone(&store), &terrain.trees).unwrap()),
+            reference: Arc::new(Reference::open(Arc::clone(&store), &terrain.scene).unwrap()),
             store,
             trees: terrain.trees,
         }

@@ -27,7 +27,7 @@ fn eye(random: &mut Random, boxes: &[Aabb]) -> DVec3 {
 
 /// Counts ray/tree pairs that contradict the list: random rays by the stretches they spend in the boxes, and rays of
 /// whole-numbered direction (all 26 sign patterns among them) by exact steps of an eighth.
-fn misordered(
+pub(super) fn misordered(
     random: &mut Random,
     visible: &[VisibleTree],
     eye: DVec3,

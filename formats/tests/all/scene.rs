@@ -1,7 +1,7 @@
 //! Scenes: what is written is read back exactly, and what is wrong in a hand-written one is named.
 
 use brickfell_formats::Place;
-use brickfell_formats::scene::{Bounds, Group, MAX_NESTING, PagedOctTree, Scene};
+use brickfell_formats::scene::{Bounds, CoarseOctTree, Group, MAX_NESTING, PagedOctTree, Scene};
 use proptest::prelude::*;
 
 fn bounds() -> impl Strategy<Value = Option<Bounds>> {
@@ -24,19 +24,28 @@ prop_compose! {
     }
 }
 
+fn coarse() -> impl Strategy<Value = CoarseOctTree> {
+    let voxel = crate::common::metres()
+        .prop_map(f64::abs)
+        .prop_filter("above zero", |v| *v > 0.0);
+    (tree(), voxel).prop_map(|(tree, voxel)| CoarseOctTree { tree, voxel })
+}
+
 fn group() -> impl Strategy<Value = Group> {
     let flat = (
         any::<bool>(),
         prop::option::of(Just([8; 3])),
         bounds(),
         prop::collection::vec(tree(), 0..3),
+        prop::collection::vec(coarse(), 0..2),
     )
-        .prop_map(|(compressed, brick_size, bounds, trees)| Group {
+        .prop_map(|(compressed, brick_size, bounds, trees, coarse)| Group {
             compressed,
             brick_size,
             bounds,
             groups: Vec::new(),
             trees,
+            coarse,
         })
         .boxed();
     flat.clone().prop_recursive(4, 32, 4, move |inner| {
@@ -63,6 +72,7 @@ proptest! {
         let mut expected = Vec::new();
         collect(&scene.root, &mut expected);
         prop_assert!(scene.trees().eq(expected));
+        prop_assert!(scene.coarse_trees().eq(scene.groups().flat_map(|g| &g.coarse)));
     }
 }
 
@@ -110,6 +120,21 @@ fn faults_are_named_with_their_place() {
             "PagedOctTree: attribute Radius is missing",
         ),
         (
+            with("PagedOctTree", "CoarseOctTree"),
+            1,
+            "CoarseOctTree: attribute Voxel is missing",
+        ),
+        (
+            with("PagedOctTree", "CoarseOctTree Voxel='0'"),
+            16,
+            "CoarseOctTree: Voxel=\"0\" is not above zero",
+        ),
+        (
+            with("Radius='4' ", "Radius='4' Voxel='1' "),
+            62,
+            "PagedOctTree: attribute Voxel is unknown",
+        ),
+        (
             with("CenterY='2' ", ""),
             1,
             "PagedOctTree: attribute CenterY is missing",
@@ -153,7 +178,7 @@ fn faults_are_named_with_their_place() {
         (
             with("/>", "><a/></PagedOctTree>"),
             81,
-            "a: PagedOctTree has no elements inside",
+            "a: a tree has no elements inside",
         ),
         (with("/>", ">x</PagedOctTree>"), 81, "text in PagedOctTree"),
         (format!("{TREE} oak"), 83, "text in OctTreeGroup"),

@@ -9,11 +9,13 @@
 //! | `tree` | a tree's files, read when rays need them |
 //! | `sampling` | filtering, light, opacity over a segment |
 //! | `walk` | one ray through one tree, segment by segment |
+//! | `cut` | which trees, and coarse trees in their place |
 //! | `cells` | integer boxes and the exact way through them |
 //!
 //! [`Reference`] may be used from any thread; [`Reference::render`] spreads rows over the rayon pool of its caller.
 
 mod cells;
+mod cut;
 mod sampling;
 mod tree;
 mod walk;
@@ -34,12 +36,14 @@ use std::sync::Arc;
 
 use brickfell_culler::Camera;
 use brickfell_formats::FormatError;
+use brickfell_formats::scene;
 use brickfell_pager::store::Store;
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::picture::{Picture, RayCounters};
 use crate::settings::RenderSettings;
+use cut::{Group, Numbers};
 use sampling::Shading;
 use tree::Tree;
 use walk::{Passage, Ray, Transport, Walk};
@@ -87,10 +91,27 @@ impl ReferenceError {
 /// Some trees of a terrain, drawn by the CPU. Pages are read when rays first need them and kept.
 pub struct Reference {
     trees: Vec<Tree>,
+    root: Group,
 }
 
 impl Reference {
-    /// Opens tree files (binary or XML octrees) by name and reads their headers.
+    /// Opens the trees of a scene, coarse ones too, and reads their headers.
+    ///
+    /// # Errors
+    /// A tree file that cannot be read or whose header is not sound.
+    pub fn open(store: Arc<dyn Store>, scene: &scene::Scene) -> Result<Self, ReferenceError> {
+        let names = scene.trees().chain(scene.coarse_trees().map(|c| &c.tree));
+        let names: Vec<String> = names.map(|tree| tree.tree_file.clone()).collect();
+        let Self { trees, .. } = Self::new(store, &names)?;
+        let mut next = Numbers {
+            tree: 0,
+            coarse: scene.trees().count(),
+        };
+        let root = Group::new(&scene.root, &trees, &mut next);
+        Ok(Self { trees, root })
+    }
+
+    /// Opens tree files (binary or XML octrees) by name and reads their headers; all of them are drawn.
     ///
     /// # Errors
     /// A tree file that cannot be read or whose header is not sound.
@@ -98,8 +119,11 @@ impl Reference {
         let trees = trees
             .iter()
             .map(|name| Tree::open(store.clone(), name))
-            .collect::<Result<_, _>>()?;
-        Ok(Self { trees })
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(Self {
+            root: Group::flat(trees.len()),
+            trees,
+        })
     }
 
     /// Draws a picture of the camera's size.
@@ -111,7 +135,7 @@ impl Reference {
         camera: &Camera,
         settings: &RenderSettings,
     ) -> Result<(Picture, RayCounters), ReferenceError> {
-        let scene = Scene::new(&self.trees, camera, settings)?;
+        let scene = Scene::new(self, camera, settings)?;
         let (width, height) = (camera.width as usize, camera.height as usize);
         let mut pixels = vec![[0f32; 4]; width * height];
         let counters = pixels
@@ -149,7 +173,7 @@ impl Reference {
         px: f64,
         py: f64,
     ) -> Result<[f64; 4], ReferenceError> {
-        let scene = Scene::new(&self.trees, camera, settings)?;
+        let scene = Scene::new(self, camera, settings)?;
         scene.cast(
             &scene.ray(camera, px, py),
             &mut Vec::new(),
@@ -164,6 +188,8 @@ const LARGEST: f64 = 1e6;
 /// What all rays of a picture share.
 struct Scene<'a> {
     trees: &'a [Tree],
+    /// Those that are drawn, with their least fractional levels.
+    cut: Vec<(usize, f64)>,
     shading: Shading,
     fade: f64,
     segment: (u32, u32),
@@ -172,14 +198,22 @@ struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
-    fn new(trees: &'a [Tree], camera: &Camera, settings: &RenderSettings) -> Result<Self, ReferenceError> {
+    fn new(
+        reference: &'a Reference,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> Result<Self, ReferenceError> {
         settings.check(camera).map_err(ReferenceError::Argument)?;
+        let footprint = camera.pixel_size() * settings.bias.exp2();
+        let (trees, mut cut) = (&reference.trees, Vec::new());
+        (reference.root).cut(trees, camera.eye, camera.forward, footprint, &mut cut);
         Ok(Self {
             trees,
+            cut,
             shading: Shading::new(settings),
             fade: settings.fade(),
             segment: settings.segment(),
-            footprint: camera.pixel_size() * settings.bias.exp2(),
+            footprint,
         })
     }
 
@@ -210,20 +244,19 @@ impl<'a> Scene<'a> {
     fn cast(
         &self,
         ray: &Ray,
-        passages: &mut Vec<(Passage, usize)>,
+        passages: &mut Vec<(Passage, (usize, f64))>,
         counters: &mut RayCounters,
     ) -> Result<[f64; 4], ReferenceError> {
         passages.clear();
         passages.extend(
-            self.trees
+            self.cut
                 .iter()
-                .enumerate()
-                .filter_map(|(k, tree)| Some((Passage::through(tree, ray)?, k))),
+                .filter_map(|drawn| Some((Passage::through(&self.trees[drawn.0], ray)?, *drawn))),
         );
         passages.sort_by(|(a, _), (b, _)| a.enter.total_cmp(&b.enter).then(a.leave.total_cmp(&b.leave)));
         let mut transport = Transport::default();
-        for (passage, k) in passages.iter() {
-            Walk::new(&self.trees[*k], ray, *passage).run(&mut transport)?;
+        for (passage, (k, least_level)) in passages.iter() {
+            Walk::new(&self.trees[*k], ray, *passage, *least_level).run(&mut transport)?;
             if transport.saturated() {
                 break;
             }

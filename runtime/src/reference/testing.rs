@@ -38,7 +38,7 @@ pub(super) fn shoot(
     let scene = Scene {
         footprint,
         fade,
-        ..Scene::new(&reference.trees, &camera, &settings).unwrap()
+        ..Scene::new(reference, &camera, &settings).unwrap()
     };
     let mut counters = RayCounters::default();
     let rgba = scene

@@ -291,11 +291,11 @@ fn depth_twenty_is_walked_to_the_end() {
 fn a_ray_that_needs_more_segments_than_its_cap_is_counted() {
     let reference = hill(DVec3::ZERO);
     let camera = Camera::look_at(dvec3(-5.0, 8.1, 10.5), dvec3(40.0, 8.3, 10.4), 1.0, 1, 1).unwrap();
-    let scene = Scene::new(&reference.trees, &camera, &RenderSettings::default()).unwrap();
+    let scene = Scene::new(&reference, &camera, &RenderSettings::default()).unwrap();
     let ray = scene.ray(&camera, 0.0, 0.0);
     let tree = &reference.trees[0];
     let capped = |cap: Option<u64>| {
-        let mut walk = Walk::new(tree, &ray, Passage::through(tree, &ray).unwrap());
+        let mut walk = Walk::new(tree, &ray, Passage::through(tree, &ray).unwrap(), 0.0);
         walk.cap = cap.unwrap_or(walk.cap);
         let mut transport = Transport::default();
         walk.run(&mut transport).unwrap();

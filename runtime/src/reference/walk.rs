@@ -166,13 +166,15 @@ pub(super) struct Walk<'t, 'r> {
     z: f64,
     /// Level wanted there; it only falls.
     wanted: u8,
+    /// Least fractional level.
+    least_level: f64,
     /// Segments after which the ray is stopped.
     pub(super) cap: u64,
 }
 
 impl<'t, 'r> Walk<'t, 'r> {
     /// A ray at the start of its passage.
-    pub(super) fn new(tree: &'t Tree, ray: &'r Ray, passage: Passage) -> Self {
+    pub(super) fn new(tree: &'t Tree, ray: &'r Ray, passage: Passage, least_level: f64) -> Self {
         let header = &tree.header;
         let (eye, direction) = in_tree(tree, ray);
         let trail = Trail::new(eye, direction, passage.enter, header.side_voxels() as i64);
@@ -183,6 +185,7 @@ impl<'t, 'r> Walk<'t, 'r> {
             trail,
             z: passage.enter,
             wanted: header.depth,
+            least_level,
             // More than any ray needs: one per plane of the finest lattice and one per level, with room to spare.
             cap: 3 * header.side_voxels() + 2 * u64::from(header.depth) + 16,
         }
@@ -231,15 +234,22 @@ impl<'t, 'r> Walk<'t, 'r> {
         1 << (self.tree.header.depth - level)
     }
 
+    /// Depth at which the fractional level has fallen so far; nowhere if levels do not.
+    fn falls_to(&self, level: f64) -> f64 {
+        if self.least_level > level {
+            return f64::INFINITY;
+        }
+        self.tree.header.level_voxel_size(0) / self.ray.footprint * (-level).exp2()
+    }
+
     /// Depth from which on a level is mixed with the coarser one: half of the fade before the middle between the two.
     fn fades(&self, level: u8) -> f64 {
-        let fits = self.tree.header.level_voxel_size(level) / self.ray.footprint;
-        fits * (0.5 - 0.5 * self.ray.fade).exp2()
+        self.falls_to(f64::from(level) - 0.5 + 0.5 * self.ray.fade)
     }
 
     /// Depth from which on the coarser level stands alone.
     fn faded(&self, level: u8) -> f64 {
-        self.fades(level) * self.ray.fade.exp2()
+        self.falls_to(f64::from(level) - 0.5 - 0.5 * self.ray.fade)
     }
 
     /// Sets the level that is wanted here, the finer of two mixed ones, and gives its weight; `None` if it stands
@@ -251,7 +261,9 @@ impl<'t, 'r> Walk<'t, 'r> {
         if self.ray.fade == 0.0 || self.wanted == 0 || self.z < self.fades(self.wanted) {
             return None;
         }
-        let lambda = (self.tree.header.level_voxel_size(0) / (self.ray.footprint * self.z)).log2();
+        let lambda = (self.tree.header.level_voxel_size(0) / (self.ray.footprint * self.z))
+            .log2()
+            .max(self.least_level);
         let above = lambda - f64::from(self.wanted - 1);
         Some(((above - 0.5) / self.ray.fade + 0.5).clamp(0.0, 1.0))
     }

@@ -11,7 +11,7 @@ use glam::DVec3;
 const FARTHEST_CELL: f64 = (1u32 << 24) as f64;
 
 /// A tree as the kernel sees it: everything relative to the depth where it begins, worked out in f64.
-pub(super) fn tree_record(camera: &Camera, header: &TreeHeader, root: u32) -> layout::Tree {
+pub(super) fn tree_record(camera: &Camera, header: &TreeHeader, root: u32, least_level: f64) -> layout::Tree {
     let [lo, hi] = header.bounds();
     // Depth is linear, so its least value over the box is reached at a corner.
     let nearest = DVec3::select(camera.forward.cmpgt(DVec3::ZERO), lo, hi);
@@ -37,8 +37,16 @@ pub(super) fn tree_record(camera: &Camera, header: &TreeHeader, root: u32) -> la
         // The rim is given in voxels of the coarser level, twice the node's own.
         rim: (header.layout.rim() * 2.0) as u32,
         max_steps: 64 + 4 * header.side_voxels() as u32,
-        pad: [0; 3],
+        least_level: least_level as f32,
+        pad: [0; 2],
     }
+}
+
+/// The least fractional level of a tree; `beyond` is [`VisibleTree::beyond`](brickfell_culler::VisibleTree::beyond). All of a coarse
+/// tree has the level of its group's nearest depth: where it takes over its finest level alone is drawn, which holds the
+/// samples of what is inside.
+pub(super) fn least_level(depth: u8, beyond: Option<f64>) -> f64 {
+    beyond.map_or(0.0, |octaves| (f64::from(depth) - octaves).max(0.0))
 }
 
 /// Makes integers of what is one but for f64's rounding: a metre that is not a power of two has no exact number of voxels,

@@ -189,7 +189,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         }
         // The wanted level where a segment begins, fractional, and the two levels around it.
         if (parts == frame.segment_samples) {
-            let lambda = clamp(log2_footprint - log2(max(tree.depth0 + t, 1e-30)), 0.0, deepest);
+            let lambda = clamp(log2_footprint - log2(max(tree.depth0 + t, 1e-30)), tree.least_level, deepest);
             let coarser = floor(lambda);
             weight = clamp((lambda - coarser - 0.5) / max(frame.fade, 1e-6) + 0.5, 0.0, 1.0);
             fine = u32(coarser) + u32(weight > 0.0);

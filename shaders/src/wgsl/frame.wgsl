@@ -68,9 +68,10 @@ struct Tree {
     rim: u32,
     // Steps after which a ray is stopped in this tree.
     max_steps: u32,
+    // Least fractional level; above 0 where a coarse tree has just taken over.
+    least_level: f32,
     pad0: u32,
     pad1: u32,
-    pad2: u32,
 }
 
 // Node words: x: bit 31 terminal, bit 30 brick, bit 29 the brick has opacities against the axes, else the child tile (0: none resident); y: colour, or brick slot + 1 (0: not

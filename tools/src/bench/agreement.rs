@@ -73,7 +73,7 @@ fn of_scene(
 ) -> Result<Vec<Row>, CommandError> {
     let store: Arc<dyn Store> = Arc::new(FolderStore::open(folder)?);
     let terrain = Terrain::open(&store)?;
-    let reference = Reference::new(Arc::clone(&store), &terrain.trees)?;
+    let reference = Reference::open(Arc::clone(&store), &terrain.scene)?;
     let config = RendererConfig {
         gpu_budget: 1 << 30,
         ..RendererConfig::default()

@@ -144,7 +144,7 @@ pub fn default_rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
 /// If the scene cannot be built or drawn.
 pub fn variants(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let (store, terrain) = open(settings)?;
-    let trees = terrain.trees.clone();
+    let scene = terrain.scene.clone();
     let mut renderer = renderer(Arc::clone(&store), terrain)?;
     let default = RenderSettings::default();
     let variants = [
@@ -160,7 +160,7 @@ pub fn variants(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
             let (ms, counters) = measure(&mut renderer, &camera, &render, repetitions(settings))?;
             rows.push(figures(view, &backend(&renderer), name, ms, &counters)?);
         }
-        let reference = Reference::new(Arc::clone(&store), &trees)?;
+        let reference = Reference::open(Arc::clone(&store), &scene)?;
         // The first picture reads and decodes; the second is the time of the rays.
         reference.render(&camera, &default)?;
         let start = Instant::now();

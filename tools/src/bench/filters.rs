@@ -76,7 +76,7 @@ fn build_scene(folder: &Path, scene: &FilterScene, filter: Filter) -> Result<Bui
     }
     let sample_bytes = terrain.layers.sample_bytes() as u64;
     Ok(Built {
-        reference: Reference::new(store, &terrain.trees)?,
+        reference: Reference::open(store, &terrain.scene)?,
         boxes,
         seconds,
         bytes,

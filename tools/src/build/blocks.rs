@@ -121,6 +121,45 @@ impl<B> Blocks<B> {
     }
 }
 
+impl<T: Copy + Default> Blocks<Dense<T>> {
+    /// What a cell holds; `solid` is what solid blocks do.
+    pub(crate) fn at(&self, [x, y, z]: [i64; 3], solid: T) -> T {
+        let column = self.column(x.div_euclid(SIDE), y.div_euclid(SIDE));
+        match column.get(z.div_euclid(SIDE)) {
+            Block::Empty => T::default(),
+            Block::Solid => solid,
+            Block::Dense(cells) => cells[in_block(x, y, z)],
+        }
+    }
+
+    /// Heights of all cells with something in a column of cells, and of some without.
+    pub(crate) fn heights(&self, x: i64, y: i64) -> Range<i64> {
+        let column = self.column(x.div_euclid(SIDE), y.div_euclid(SIDE));
+        let ends = column.slots.first().zip(column.slots.last());
+        let slots = ends.map_or(0..0, |(first, last)| first.0..last.0 + 1);
+        let blocks = match (slots.is_empty(), column.solid.is_empty()) {
+            (true, _) => column.solid.clone(),
+            (_, true) => slots,
+            _ => slots.start.min(column.solid.start)..slots.end.max(column.solid.end),
+        };
+        SIDE * blocks.start..SIDE * blocks.end
+    }
+
+    /// Sets a cell in the box that is not in a block of deep solid.
+    pub(crate) fn put(&mut self, [x, y, z]: [i64; 3], value: T) {
+        let (i, j) = (x.div_euclid(SIDE) - self.lo[0], y.div_euclid(SIDE) - self.lo[1]);
+        let slots = &mut self.columns[(j * self.size[0] + i) as usize].slots;
+        let block = z.div_euclid(SIDE);
+        let at = slots.binary_search_by_key(&block, |s| s.0).unwrap_or_else(|at| {
+            slots.insert(at, (block, Slot::Dense(new_dense())));
+            at
+        });
+        if let Slot::Dense(cells) = &mut slots[at].1 {
+            cells[in_block(x, y, z)] = value;
+        }
+    }
+}
+
 /// Block positions of an extent in rows of x.
 pub(crate) fn block_columns(extent: &CellBox) -> Vec<(i64, i64)> {
     let [x0, y0, _] = extent.lo;

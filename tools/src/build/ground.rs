@@ -257,22 +257,26 @@ impl Hints {
         self.looks.is_empty()
     }
 
-    /// Writes them.
-    pub(crate) fn write(&self, out: &mut Writer) {
-        out.put(&[self.lo, self.size]);
-        out.list(&self.looks);
+    /// Writes those of the columns in a box.
+    pub(crate) fn write(&self, cells: &CellBox, out: &mut Writer) {
+        let (lo, hi) = (cells.lo, cells.hi);
+        let columns = (lo[1]..hi[1]).flat_map(|y| (lo[0]..hi[0]).map(move |x| (x, y)));
+        let looks = columns
+            .filter(|_| !self.looks.is_empty())
+            .map(|(x, y)| self.at(x, y));
+        out.list(&looks.collect::<Vec<_>>());
     }
 
-    /// Hints over a rectangle of cells, of what was written of others that do not meet.
+    /// Hints over a rectangle of cells, of what was written of boxes that do not meet.
     pub(crate) fn read(area: &CellBox, parts: &mut [(CellBox, Reader)]) -> Option<Self> {
         let lo = [area.lo[0], area.lo[1]];
         let size = [area.hi[0] - lo[0], area.hi[1] - lo[1]];
         let mut looks = vec![[0.0; 7]; (size[0] * size[1]) as usize];
-        for (_, part) in parts {
-            let [from, n] = part.get::<[[i64; 2]; 2]>()?;
+        for (cells, part) in parts {
+            let width = cells.hi[0] - cells.lo[0];
             for (k, look) in part.list::<[f32; 7]>()?.into_iter().enumerate() {
                 let k = k as i64;
-                let (x, y) = (from[0] + k % n[0] - lo[0], from[1] + k / n[0] - lo[1]);
+                let (x, y) = (cells.lo[0] + k % width - lo[0], cells.lo[1] + k / width - lo[1]);
                 if x >= 0 && y >= 0 && x < size[0] && y < size[1] {
                     looks[(y * size[0] + x) as usize] = look;
                 }
@@ -281,7 +285,8 @@ impl Hints {
         Some(Self { lo, size, looks })
     }
 
-    fn at(&self, x: i64, y: i64) -> [f32; 7] {
+    /// The sums of colours and normals of a column of cells, and their share.
+    pub(crate) fn at(&self, x: i64, y: i64) -> [f32; 7] {
         let (i, j) = (x - self.lo[0], y - self.lo[1]);
         if i < 0 || j < 0 || i >= self.size[0] || j >= self.size[1] {
             return [0.0; 7];

@@ -152,7 +152,7 @@ fn remove_ours(out: &Path) -> Result<(), BuildError> {
     }
     let _ = fs::remove_dir(&trees);
     // Bins may be this run's own.
-    remove_scratch_files(out, &["tile_"])?;
+    remove_scratch_files(out, &["tile_", "root_"])?;
     for name in [SCENE, EMPTY_TREES, MANIFEST] {
         let path = out.join(name);
         if path.exists() {
@@ -183,7 +183,7 @@ pub(crate) fn remove_tree(folder: &Path) -> Result<(), BuildError> {
 /// # Errors
 /// If a file cannot be removed.
 pub(crate) fn remove_scratch(out: &Path) -> Result<(), BuildError> {
-    remove_scratch_files(out, &["tile_", "bin_"])
+    remove_scratch_files(out, &["tile_", "bin_", "root_"])
 }
 
 fn remove_scratch_files(out: &Path, starts: &[&str]) -> Result<(), BuildError> {
@@ -203,8 +203,13 @@ fn remove_scratch_files(out: &Path, starts: &[&str]) -> Result<(), BuildError> {
     Ok(())
 }
 
+/// Of a tree or of a coarse tree.
 fn is_tree_name(name: &str) -> bool {
     let name = name.strip_suffix(PARTIAL).unwrap_or(name);
+    let name = match name.strip_prefix('g').and_then(|rest| rest.split_once('_')) {
+        Some((height, rest)) if height.parse::<u8>().is_ok() => rest,
+        _ => name,
+    };
     let parts: Vec<&str> = name.split('_').collect();
     parts.len() == 3
         && parts.iter().zip(["x", "y", "z"]).all(|(part, axis)| {
@@ -240,6 +245,7 @@ mod tests {
     #[test]
     fn names_of_trees() {
         assert!(is_tree_name("x-1_y20_z3") && is_tree_name("x0_y0_z0.partial"));
+        assert!(is_tree_name("g12_x-1_y20_z3") && !is_tree_name("g_x1_y2_z3"));
         assert!(!is_tree_name("x1_y2") && !is_tree_name("x_y_z") && !is_tree_name("photos"));
     }
 }

@@ -11,7 +11,7 @@
 //!                                        ↑  filter: ×½  ←──┘                          ├→ file in the scratch folder
 //!                                        └── for three levels, then samples ──────────┘
 //! → for each tree: samples of its tiles and those around it → the same up to the root; bricks and octree on disk
-//! → scene
+//! → groups (coarse trees over trees, of the samples that roots leave) → scene
 //! ```
 //! Called from one thread, which waits; the work is spread over a pool of threads of its own. Bytes do not depend on the
 //! number of threads, nor on whether a build was interrupted and resumed.
@@ -22,6 +22,7 @@ mod error;
 mod filter;
 mod finest;
 mod ground;
+mod groups;
 mod lattice;
 mod manifest;
 mod nodes;
@@ -55,10 +56,11 @@ pub use progress::{IndicatifProgress, Progress, Silent};
 pub use crate::input::HeightInput;
 use crate::input::{HeightOptions, HeightUnit, Layer, RasterCache, TerrainRgb, UpAxis, load_layers, mesh};
 use bins::Bins;
+use groups::GroupPlan;
 use lattice::Lattice;
 use manifest::{Arguments, EMPTY_TREES, Manifest, SCENE, TREES};
-use scene::SceneTree;
-use schedule::{Schedule, Workers};
+use scene::{SceneGroup, SceneTree};
+use schedule::{Schedule, Workers, read_header};
 use tree::{TREE_FILE, Terrain};
 
 /// Where samples lie unless told.
@@ -273,9 +275,12 @@ fn build_from(
     report.warnings = warnings;
     let mut empty = EmptyTrees::load(&args.out);
     let mut trees = Vec::new();
+    let groups = GroupPlan::new(&lattice, &plan.trees, |column| plan.bottom(column).is_some());
+    let open = groups.open(&args.out, &empty);
     let mut schedule = Schedule {
         terrain: &terrain,
         out: &args.out,
+        open: &open,
         workers: Workers::new(args),
         progress,
     };
@@ -289,14 +294,29 @@ fn build_from(
         });
     })?;
     report.trees = trees.len();
+    groups.build(&terrain, &open, &args.out, &mut empty)?;
+    let mut coarse = Vec::new();
+    for group in groups
+        .coarse()
+        .filter(|group| !empty.names.contains(&group.name()))
+    {
+        let file = format!("{TREES}/{}/{TREE_FILE}", group.name());
+        coarse.push(SceneGroup {
+            height: group.height,
+            column: group.column,
+            header: read_header(&args.out.join(&file))?,
+            file,
+        });
+    }
     empty.write()?;
     let crs = layers
         .iter()
         .find_map(|l| l.map.world_system().map(str::to_string));
     manifest::write_whole(
         &args.out.join(SCENE),
-        scene::scene(trees, crs).to_xml().as_bytes(),
+        scene::scene(trees, coarse, crs).to_xml().as_bytes(),
     )?;
+    manifest::remove_scratch(&args.out)?;
     progress.finish();
     Ok(report)
 }

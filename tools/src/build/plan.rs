@@ -133,6 +133,13 @@ fn add_layer(lattice: &Lattice, layer: &Layer, columns: &mut Columns) -> Result<
             let Some((low, high)) = layer.range(lattice, [x * n, y * n], [(x + 1) * n, (y + 1) * n]) else {
                 continue;
             };
+            // Voxels beside the column, too: a cliff at its edge fills them in part only, and solid has to be behind.
+            let beside = layer.range(
+                lattice,
+                [x * n - r, y * n - r],
+                [(x + 1) * n + r, (y + 1) * n + r],
+            );
+            let low = beside.map_or(low, |beside| beside.0);
             let root = |z: f64| (z.floor() as i64).div_euclid(r);
             let bottom = (root(low) - SOLID_ROOT_VOXELS) * r;
             let column = column(lattice, columns, (x, y))?;

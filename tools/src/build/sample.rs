@@ -92,6 +92,11 @@ impl Sample {
         self.skin == 0 && self.solid == 0 && self.weight == 0.0
     }
 
+    /// Whether some of it is solid.
+    pub(crate) fn is_partly_solid(&self) -> bool {
+        self.solid > 0
+    }
+
     /// Whether it is solid all through and met by no surface.
     pub(crate) fn is_deep(&self) -> bool {
         self.solid == SOLID && self.skin == 0 && self.weight == 0.0

@@ -1,12 +1,10 @@
-//! The scene file of a built terrain: trees in groups, nested as a quadtree over the columns of trees.
+//! The scene file of a built terrain: trees in groups, nested as a quadtree over the columns of trees, each with its coarse
+//! trees.
 
-use glam::DVec3;
+use std::collections::BTreeMap;
 
 use brickfell_formats::octree::TreeHeader;
-use brickfell_formats::scene::{Bounds, Group, PagedOctTree, Scene};
-
-/// Trees that a group holds without being divided further.
-const GROUP_TREES: usize = 8;
+use brickfell_formats::scene::{Bounds, CoarseOctTree, Group, PagedOctTree, Scene};
 
 /// A tree of the scene: its column, its file and its header.
 #[derive(Clone, Debug)]
@@ -16,52 +14,77 @@ pub(crate) struct SceneTree {
     pub(crate) header: TreeHeader,
 }
 
-/// The scene of all trees.
-pub(crate) fn scene(trees: Vec<SceneTree>, crs: Option<String>) -> Scene {
-    let lo = |f: fn(&SceneTree) -> i64| trees.iter().map(f).min().unwrap_or(0);
-    let hi = |f: fn(&SceneTree) -> i64| trees.iter().map(f).max().unwrap_or(0);
-    let (x0, y0) = (lo(|t| t.column.0), lo(|t| t.column.1));
-    let width = (hi(|t| t.column.0) - x0).max(hi(|t| t.column.1) - y0) + 1;
-    let size = (width as u64).next_power_of_two() as i64;
-    Scene {
-        crs,
-        root: group(trees, x0, y0, size),
-    }
+/// A coarse tree of a group: how many levels of groups end with it, the group's column, its file and its header.
+#[derive(Clone, Debug)]
+pub(crate) struct SceneGroup {
+    pub(crate) height: u8,
+    pub(crate) column: (i64, i64),
+    pub(crate) file: String,
+    pub(crate) header: TreeHeader,
 }
 
-fn group(mut trees: Vec<SceneTree>, x: i64, y: i64, size: i64) -> Group {
-    let boxes = trees.iter().map(|t| t.header.bounds());
-    let bounds = boxes.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
-    let bounds = bounds.map(|[min, max]| Bounds { min, max });
-    let mut result = Group {
+/// The scene of all trees; coarse trees come lowest groups first.
+pub(crate) fn scene(mut trees: Vec<SceneTree>, coarse: Vec<SceneGroup>, crs: Option<String>) -> Scene {
+    trees.sort_by_key(|t| t.column);
+    // Groups of one height by column; at height 0 those of a single column of trees.
+    let mut groups: BTreeMap<(i64, i64), Group> = BTreeMap::new();
+    for tree in trees {
+        let group = groups.entry(tree.column).or_default();
+        group.trees.push(paged(tree.file, &tree.header));
+    }
+    for level in coarse.chunk_by(|a, b| a.height == b.height) {
+        let mut above: BTreeMap<(i64, i64), Group> = BTreeMap::new();
+        for ((x, y), mut inner) in std::mem::take(&mut groups) {
+            let outer = above.entry((x.div_euclid(2), y.div_euclid(2))).or_default();
+            if inner.groups.is_empty() && inner.coarse.is_empty() {
+                outer.trees.append(&mut inner.trees);
+            } else {
+                outer.groups.push(finished(inner));
+            }
+        }
+        for tree in level {
+            let group = above.entry(tree.column).or_default();
+            group.coarse.push(CoarseOctTree {
+                tree: paged(tree.file.clone(), &tree.header),
+                voxel: tree.header.voxel_size,
+            });
+        }
+        groups = above;
+    }
+    let mut all: Vec<Group> = groups.into_values().map(finished).collect();
+    let root = match all.len() {
+        1 => all.remove(0),
+        _ => finished(Group {
+            groups: all,
+            ..Group::default()
+        }),
+    };
+    Scene { crs, root }
+}
+
+/// A group with what is to be said of all that is in it.
+fn finished(group: Group) -> Group {
+    let trees = group.trees.iter().chain(group.coarse.iter().map(|c| &c.tree));
+    let inside = trees
+        .filter_map(|t| t.bounds)
+        .chain(group.groups.iter().filter_map(|g| g.bounds));
+    let bounds = inside.reduce(|a, b| Bounds {
+        min: a.min.min(b.min),
+        max: a.max.max(b.max),
+    });
+    Group {
         brick_size: Some([8; 3]),
         bounds,
-        ..Group::default()
-    };
-    if size == 1 || trees.len() <= GROUP_TREES {
-        trees.sort_by_key(|t| t.column);
-        result.trees = trees.into_iter().map(tree).collect();
-        return result;
+        ..group
     }
-    let half = size / 2;
-    for (dx, dy) in [(0, 0), (half, 0), (0, half), (half, half)] {
-        let inside =
-            |t: &SceneTree| (t.column.0 >= x + half) == (dx > 0) && (t.column.1 >= y + half) == (dy > 0);
-        let (part, rest) = trees.into_iter().partition(inside);
-        trees = rest;
-        if !Vec::is_empty(&part) {
-            result.groups.push(group(part, x + dx, y + dy, half));
-        }
-    }
-    result
 }
 
-fn tree(tree: SceneTree) -> PagedOctTree {
-    let [min, max] = tree.header.bounds();
+fn paged(file: String, header: &TreeHeader) -> PagedOctTree {
+    let [min, max] = header.bounds();
     PagedOctTree {
         center: (min + max) * 0.5,
-        radius: DVec3::length(max - min) * 0.5,
+        radius: (max - min).length() * 0.5,
         bounds: Some(Bounds { min, max }),
-        tree_file: tree.file,
+        tree_file: file,
     }
 }

@@ -15,6 +15,7 @@ use brickfell_formats::octree::{TreeHeader, octant_offset};
 use brickfell_formats::octree_binary;
 
 use super::error::BuildError;
+use super::groups::GroupPlace;
 use super::lattice::{SIDE, TreePlace};
 use super::manifest::{SCRATCH, TREES};
 use super::progress::Progress;
@@ -101,6 +102,8 @@ impl Workers {
 pub(crate) struct Schedule<'a> {
     pub(crate) terrain: &'a Terrain<'a>,
     pub(crate) out: &'a Path,
+    /// What is to be built; trees among it may have their folders, but have to leave their samples once more.
+    pub(crate) open: &'a BTreeSet<GroupPlace>,
     pub(crate) workers: Workers,
     pub(crate) progress: &'a dyn Progress,
 }
@@ -158,11 +161,8 @@ impl Schedule<'_> {
     ) -> Result<(), BuildError> {
         let lattice = self.terrain.lattice;
         let places = &self.terrain.plan.trees;
-        let is_done = |empty: &EmptyTrees, place: &TreePlace| {
-            empty.names.contains(&lattice.tree_name(*place)) || self.folder(*place).is_dir()
-        };
-        let todo: BTreeSet<TreePlace> = places.iter().copied().filter(|p| !is_done(empty, p)).collect();
-        let open = |place: &TreePlace| todo.contains(place);
+        let open = |place: &TreePlace| self.open.contains(&GroupPlace::tree(&lattice, *place));
+        let todo: BTreeSet<TreePlace> = places.iter().copied().filter(open).collect();
         let per_tree = (lattice.side() / tile_side(&lattice)).pow(2) as u64;
         let finished = (places.len() - todo.len()) as u64;
         self.progress
@@ -213,6 +213,7 @@ impl Schedule<'_> {
                 next += 1;
             }
             let now: Vec<TreePlace> = row.trees.iter().copied().filter(open).collect();
+            let resumed: Vec<bool> = row.trees.iter().map(|p| self.folder(*p).is_dir()).collect();
             let headers = self.workers.run(&now, |place| {
                 let own: Vec<PathBuf> = tiles(&lattice, *place)
                     .iter()
@@ -223,23 +224,23 @@ impl Schedule<'_> {
                     .filter(|t| reads(place, t))
                     .map(|t| (*t, self.tile_path(t)))
                     .collect();
-                finish_tree(self.terrain, *place, &own, &around, &self.folder(*place))
+                finish_tree(self.terrain, *place, &own, &around, self.out)
             })?;
             let mut new = now.into_iter().zip(headers);
-            for place in &row.trees {
+            for (place, resumed) in row.trees.iter().zip(resumed) {
                 let header = if open(place) {
                     let header = new.next().and_then(|(_, header)| header);
                     if header.is_none() {
                         empty.add(&lattice.tree_name(*place))?;
                     }
                     header
-                } else if self.folder(*place).is_dir() {
+                } else if resumed {
                     Some(read_header(&self.folder(*place).join(TREE_FILE))?)
                 } else {
                     None
                 };
                 if let Some(header) = header {
-                    each(*place, header, !open(place));
+                    each(*place, header, resumed);
                 }
             }
             let (old, kept): (Vec<Tile>, _) = made.into_iter().partition(|t| t.tree.origin[0] < row.x);
@@ -249,11 +250,15 @@ impl Schedule<'_> {
                 fs::remove_file(&path).map_err(BuildError::io(&path))?;
             }
         }
-        super::manifest::remove_scratch(self.out)
+        Ok(())
     }
 }
 
-fn read_header(path: &Path) -> Result<TreeHeader, BuildError> {
+/// Reads the header of an octree file.
+///
+/// # Errors
+/// If it cannot be read or is damaged.
+pub(crate) fn read_header(path: &Path) -> Result<TreeHeader, BuildError> {
     let bytes = fs::read(path).map_err(BuildError::io(path))?;
     let index = octree_binary::decode_header(&bytes, bytes.len() as u64).map_err(BuildError::format(path))?;
     Ok(index.header)

@@ -196,8 +196,9 @@ impl Tile {
                 offset += chunk.payload.len() as u64;
             }
         }
-        hints.write(&mut head);
-        level.write(&self.region.cells(self.region.top), &mut head);
+        let cells = self.region.cells(self.region.top);
+        hints.write(&cells, &mut head);
+        level.write(&cells, &mut head);
         let head = head.0;
         let mut partial = path.as_os_str().to_os_string();
         partial.push(super::manifest::PARTIAL);

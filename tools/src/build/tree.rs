@@ -20,8 +20,9 @@ use super::error::BuildError;
 use super::filter::{Filter, Level, Target};
 use super::finest::Met;
 use super::ground::Hints;
+use super::groups::GroupPlace;
 use super::lattice::{CellBox, Lattice, TreePlace};
-use super::manifest::{PARTIAL, remove_tree};
+use super::manifest::{PARTIAL, TREES, remove_tree};
 use super::nodes::{LevelNodes, State, level_nodes, octree};
 use super::plan::Plan;
 use super::spill::Reader;
@@ -60,8 +61,9 @@ enum Payload {
     Stored(usize, StoredChunk),
 }
 
-/// Puts a tree together into `folder`; `None` if nothing is in it, and then there is no folder. `own` are the files of its tiles,
-/// `around` those of all tiles that may meet its margin, its own included.
+/// Puts a tree together in the output folder `out` and leaves the samples of its root for the groups above; `None` if nothing is in it,
+/// and then it has no folder. `own` are the files of its tiles, `around` those of all tiles that may meet its margin, its own
+/// included.
 ///
 /// # Errors
 /// If a file cannot be read or written.
@@ -70,7 +72,7 @@ pub(crate) fn finish_tree(
     place: TreePlace,
     own: &[PathBuf],
     around: &[(Tile, PathBuf)],
-    folder: &Path,
+    out: &Path,
 ) -> Result<Option<TreeHeader>, BuildError> {
     let lattice = &terrain.lattice;
     let top = tile_top(lattice);
@@ -86,6 +88,7 @@ pub(crate) fn finish_tree(
     if !occupied {
         return Ok(None);
     }
+    let folder = &out.join(TREES).join(lattice.tree_name(place));
     let mut writer = FolderWriter::new(folder)?;
     let mut levels: Vec<LevelNodes> = Vec::new();
     for mip in 0..top {
@@ -127,15 +130,58 @@ pub(crate) fn finish_tree(
             region.stored(lattice.layout, mip),
             &region.support(mip),
         );
-        let nodes = level_nodes(lattice, place, &region, at, &texels, &hints, levels.last());
-        let chunks = code_chunks(terrain, place, at, &texels, &nodes.bricks())?;
-        let chunks: Vec<_> = chunks
-            .into_iter()
-            .map(|c| (morton::encode(c.at), c.mask, Payload::Made(c.payload)))
-            .collect();
-        write_bricks(terrain, at, &chunks, own, &mut writer)?;
-        levels.push(nodes);
+        add_level(terrain, place, &texels, &hints, &mut levels, &mut writer)?;
     }
+    // Before the folder: what is finished has both.
+    GroupPlace::tree(lattice, place).leave(&level, &hints, out)?;
+    finish(terrain, place, &met, levels, writer, folder)
+}
+
+/// Codes the next coarser level of a tree and writes its bricks.
+///
+/// # Errors
+/// If a file cannot be written.
+pub(crate) fn add_level(
+    terrain: &Terrain,
+    place: TreePlace,
+    texels: &TexelLevel,
+    hints: &Hints,
+    levels: &mut Vec<LevelNodes>,
+    writer: &mut FolderWriter,
+) -> Result<(), BuildError> {
+    let lattice = &terrain.lattice;
+    let at = lattice.depth - levels.len() as u8;
+    let nodes = level_nodes(
+        lattice,
+        place,
+        &lattice.tree(place),
+        at,
+        texels,
+        hints,
+        levels.last(),
+    );
+    let chunks = code_chunks(terrain, place, at, texels, &nodes.bricks())?;
+    let chunks: Vec<_> = chunks
+        .into_iter()
+        .map(|c| (morton::encode(c.at), c.mask, Payload::Made(c.payload)))
+        .collect();
+    write_bricks(terrain, at, &chunks, &[], writer)?;
+    levels.push(nodes);
+    Ok(())
+}
+
+/// Writes the octree over levels, the finest first, and ends a tree's folder; `None`, and no folder, if nothing is in it.
+///
+/// # Errors
+/// If a file cannot be written.
+pub(crate) fn finish(
+    terrain: &Terrain,
+    place: TreePlace,
+    met: &Met,
+    mut levels: Vec<LevelNodes>,
+    writer: FolderWriter,
+    folder: &Path,
+) -> Result<Option<TreeHeader>, BuildError> {
     levels.reverse();
     if let Some(State::Constant {
         color: [_, _, _, 0], ..
@@ -145,14 +191,15 @@ pub(crate) fn finish_tree(
         return Ok(None);
     }
     let path = folder.join(TREE_FILE);
-    let tree = octree(header(lattice, place, &met), &levels).map_err(BuildError::format(&path))?;
+    let header = header(&terrain.lattice, place, met);
+    let tree = octree(header, &levels).map_err(BuildError::format(&path))?;
     let bytes = octree_binary::encode(&tree).map_err(BuildError::format(&path))?;
     writer.file(TREE_FILE, |file| file.write_all(&bytes))?;
     writer.finish()?;
     Ok(Some(tree.header))
 }
 
-fn damaged(path: &Path) -> BuildError {
+pub(crate) fn damaged(path: &Path) -> BuildError {
     BuildError::io(path)(std::io::Error::new(
         std::io::ErrorKind::InvalidData,
         "is damaged; the same build again makes it anew",
@@ -179,10 +226,19 @@ fn gather(
         let (_, rest) = file.read(top).ok_or_else(|| damaged(path))?;
         readers.push((*cells, rest));
     }
-    let bad = || damaged(files.first().map_or(Path::new(""), |f| f.1));
-    let hints = Hints::read(extent, &mut readers).ok_or_else(bad)?;
-    let level = Level::read(extent, &mut readers, terrain.filter).ok_or_else(bad)?;
-    Ok((level, hints))
+    read_samples(extent, readers, terrain.filter)
+        .ok_or_else(|| damaged(files.first().map_or(Path::new(""), |f| f.1)))
+}
+
+/// Samples and hints over a box of cells, of what was written of boxes that do not meet; `None` if that is damaged.
+pub(crate) fn read_samples(
+    extent: &CellBox,
+    mut parts: Vec<(CellBox, Reader)>,
+    filter: Filter,
+) -> Option<(Level, Hints)> {
+    let hints = Hints::read(extent, &mut parts)?;
+    let level = Level::read(extent, &mut parts, filter)?;
+    Some((level, hints))
 }
 
 fn header(lattice: &Lattice, place: TreePlace, met: &Met) -> TreeHeader {
@@ -256,13 +312,13 @@ fn write_bricks(
 }
 
 /// Writes a folder under another name and renames it when it is complete.
-struct FolderWriter {
+pub(crate) struct FolderWriter {
     partial: PathBuf,
     folder: PathBuf,
 }
 
 impl FolderWriter {
-    fn new(folder: &Path) -> Result<Self, BuildError> {
+    pub(crate) fn new(folder: &Path) -> Result<Self, BuildError> {
         let mut name = folder.as_os_str().to_os_string();
         name.push(PARTIAL);
         let partial = PathBuf::from(name);
@@ -304,7 +360,11 @@ impl FolderWriter {
         remove_tree(&self.partial)
     }
 
+    /// What is there already is the same.
     fn finish(self) -> Result<(), BuildError> {
+        if self.folder.is_dir() {
+            return self.discard();
+        }
         fs::rename(&self.partial, &self.folder).map_err(BuildError::io(&self.folder))
     }
 }

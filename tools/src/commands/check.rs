@@ -15,7 +15,7 @@ use std::process::ExitCode;
 
 use brickfell_culler::{Aabb, SceneGraph, TreeId, overlapping_pairs};
 use brickfell_formats::bricks::brick_file_name;
-use brickfell_formats::scene::{Bounds, Group, PagedOctTree, Scene};
+use brickfell_formats::scene::{Bounds, CoarseOctTree, Group, PagedOctTree, Scene};
 use brickfell_pager::{FolderStore, Store};
 use brickfell_runtime::terrain::SCENE_FILE;
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
@@ -42,6 +42,7 @@ struct Report {
     faults: Vec<String>,
     warnings: Vec<String>,
     trees: usize,
+    coarse: usize,
     bricks: u64,
     chunks: u64,
 }
@@ -68,8 +69,9 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     }
     let _ = writeln!(
         text,
-        "{} trees, {} bricks in {} chunks, {}: {}, {}",
+        "{} trees, {} coarse trees, {} bricks in {} chunks, {}: {}, {}",
         HumanCount(report.trees as u64),
+        HumanCount(report.coarse as u64),
         HumanCount(report.bricks),
         HumanCount(report.chunks),
         HumanBytes(bytes),
@@ -95,13 +97,15 @@ fn counted(n: usize, what: &str) -> String {
 fn check(store: &FolderStore, scene: &Scene, bar: &ProgressBar) -> Report {
     let mut report = Report::default();
     let references: Vec<&PagedOctTree> = scene.trees().collect();
-    report.trees = references.len();
+    let coarse: Vec<&CoarseOctTree> = scene.coarse_trees().collect();
+    (report.trees, report.coarse) = (references.len(), coarse.len());
     if references.is_empty() {
         report
             .warnings
             .push(located(store, SCENE_FILE, "file: the scene has no trees"));
     }
-    let mut files: Vec<&str> = references.iter().map(|t| t.tree_file.as_str()).collect();
+    let all = || references.iter().copied().chain(coarse.iter().map(|c| &c.tree));
+    let mut files: Vec<&str> = all().map(|t| t.tree_file.as_str()).collect();
     files.sort_unstable();
     files.dedup();
     let trees: BTreeMap<&str, TreeReport> = files
@@ -113,7 +117,7 @@ fn check(store: &FolderStore, scene: &Scene, bar: &ProgressBar) -> Report {
     check_layouts(store, &trees, &mut report);
     check_groups(store, &scene.root, &mut report);
     let mut named = BTreeMap::new();
-    for reference in &references {
+    for reference in all() {
         let Some(tree) = trees.get(reference.tree_file.as_str()) else {
             continue;
         };
@@ -123,6 +127,9 @@ fn check(store: &FolderStore, scene: &Scene, bar: &ProgressBar) -> Report {
             report.chunks += tree.chunks;
         }
         check_reference(store, reference, tree, &mut report);
+    }
+    for coarse in &coarse {
+        check_voxel(store, coarse, &trees, &mut report);
     }
     check_overlaps(store, &references, &trees, &mut report);
     report
@@ -163,6 +170,7 @@ fn check_groups(store: &dyn Store, root: &Group, report: &mut Report) {
             report.faults.push(located(store, SCENE_FILE, what));
         }
         let inside = group.trees.iter().filter_map(|t| t.bounds);
+        let inside = inside.chain(group.coarse.iter().filter_map(|c| c.tree.bounds));
         let inside = inside.chain(group.groups.iter().filter_map(|g| g.bounds));
         for inner in inside {
             if let Some(outer) = group.bounds.filter(|outer| !holds(outer, &inner)) {
@@ -218,6 +226,26 @@ fn check_reference(store: &dyn Store, reference: &PagedOctTree, tree: &TreeRepor
             reference.radius
         );
         report.warnings.push(located(store, SCENE_FILE, what));
+    }
+}
+
+/// Where a coarse tree takes over against what it has to show there.
+fn check_voxel(
+    store: &dyn Store,
+    coarse: &CoarseOctTree,
+    trees: &BTreeMap<&str, TreeReport>,
+    report: &mut Report,
+) {
+    let name = coarse.tree.tree_file.as_str();
+    let Some(header) = trees.get(name).and_then(|tree| tree.header) else {
+        return;
+    };
+    if (coarse.voxel - header.voxel_size).abs() > header.voxel_size * 1e-6 {
+        let what = format!(
+            "file: TreeFile=\"{name}\": Voxel is {}, the octree's {}",
+            coarse.voxel, header.voxel_size
+        );
+        report.faults.push(located(store, SCENE_FILE, what));
     }
 }
 

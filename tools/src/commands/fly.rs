@@ -98,7 +98,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
             Flight::orbit(&bounds, ORBIT_SECONDS)
         }
     };
-    let (trees, trees_total) = (terrain.trees.clone(), terrain.trees.len());
+    let trees_total = terrain.trees.len();
     prepare_folder(&args.out)?;
     let renderer = Renderer::new(open_gpu()?, Arc::clone(&store), terrain, args.view.config())?;
     let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} frames, {eta} left");
@@ -123,7 +123,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     }
     let mut report = flying.report(start.elapsed().as_secs_f64(), trees_total);
     if args.settle {
-        report.summary.holes = flying.count_holes(&store, &trees, &mut report)?;
+        report.summary.holes = flying.count_holes(&store, &mut report)?;
     }
     let rate = flying.entries.len() as f64 / flying.path.duration().max(0.1);
     let overview = args.out.join("overview.png");
@@ -364,14 +364,13 @@ impl Flying<'_> {
     fn count_holes(
         &self,
         store: &Arc<dyn Store>,
-        trees: &[String],
         report: &mut Report,
     ) -> Result<Option<usize>, CommandError> {
         if !report.summary.faults.is_empty() {
             // What is missing is known and named; the reference would fail on the same files.
             return Ok(None);
         }
-        let reference = Reference::new(Arc::clone(store), trees)?;
+        let reference = Reference::open(Arc::clone(store), &self.renderer.terrain().scene)?;
         self.bar.set_message("counting holes");
         self.bar.set_position(0);
         let mut total = 0;

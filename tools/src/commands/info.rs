@@ -24,7 +24,7 @@ pub struct Args {
     /// Folder of the database: the one that holds scene.xml
     #[arg(value_name = "DIR")]
     pub dir: PathBuf,
-    /// Print JSON: trees, levels, bricks, voxels, bytes, bytes_per_level, bytes_per_voxel, voxel_size, bounds, crs
+    /// Print JSON: trees, coarse_trees, coarse_bytes, levels, bricks, voxels, bytes, bytes_per_level, bytes_per_voxel, voxel_size, bounds, crs
     #[arg(long)]
     pub json: bool,
 }
@@ -52,6 +52,10 @@ impl WorldBox {
 pub struct Info {
     /// Trees of the scene.
     pub trees: usize,
+    /// Coarse trees that stand for groups of trees seen from afar.
+    pub coarse_trees: usize,
+    /// Bytes of those.
+    pub coarse_bytes: u64,
     /// Levels of the deepest tree.
     pub levels: usize,
     /// Bricks of all levels of all trees.
@@ -104,6 +108,10 @@ fn inspect(args: &Args) -> Result<Info, CommandError> {
         .map(|name| inspect_tree(&store, name))
         .collect::<Result<_, _>>()
         .map_err(|e| CommandError::new(e, "`brickfell check` lists everything that is wrong"))?;
+    let coarse: Vec<TreeInfo> = (scene.coarse_trees().collect::<Vec<_>>().par_iter())
+        .map(|coarse| inspect_tree(&store, &coarse.tree.tree_file))
+        .collect::<Result<_, _>>()
+        .map_err(|e| CommandError::new(e, "`brickfell check` lists everything that is wrong"))?;
     let bytes = folder_bytes(&args.dir)?;
     let voxels: u64 = trees.iter().map(|t| t.voxels).sum();
     let levels = trees.iter().map(|t| t.bytes_per_level.len()).max().unwrap_or(0);
@@ -113,6 +121,8 @@ fn inspect(args: &Args) -> Result<Info, CommandError> {
     let bounds = surface.or_else(|| trees.iter().map(|t| t.bounds).reduce(union));
     Ok(Info {
         trees: trees.len(),
+        coarse_trees: coarse.len(),
+        coarse_bytes: coarse.iter().flat_map(|t| &t.bytes_per_level).sum(),
         levels,
         bricks: trees.iter().map(|t| t.bricks).sum(),
         voxels,
@@ -178,6 +188,13 @@ fn describe(info: &Info) -> String {
         let _ = writeln!(text, "{name:<16}{value}");
     };
     line("trees", HumanCount(info.trees as u64).to_string());
+    if info.coarse_trees > 0 {
+        let bytes = HumanBytes(info.coarse_bytes);
+        line(
+            "coarse trees",
+            format!("{} ({bytes})", HumanCount(info.coarse_trees as u64)),
+        );
+    }
     line("levels", info.levels.to_string());
     line("bricks", HumanCount(info.bricks).to_string());
     line("voxels", HumanCount(info.voxels).to_string());

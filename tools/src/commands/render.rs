@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         (truth.render(&camera, &settings, rays_per_axis, 0), faults)
     } else if args.reference {
         (
-            Reference::new(store, &terrain.trees)?
+            Reference::open(store, &terrain.scene)?
                 .render(&camera, &settings)?
                 .0,
             terrain.faults,

@@ -39,7 +39,11 @@ fn sound_databases_pass() {
     );
     assert!(!run.out.contains(" 0 bricks"), "{}", run.out);
     let example = copy_of_example();
-    assert!(check(example.path()).success().contains("2 trees, 0 bricks"));
+    assert!(
+        check(example.path())
+            .success()
+            .contains("2 trees, 0 coarse trees, 0 bricks")
+    );
 }
 
 #[test]

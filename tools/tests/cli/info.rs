@@ -25,6 +25,8 @@ fn the_figures_are_those_of_the_files() {
         "bytes",
         "bytes_per_level",
         "bytes_per_voxel",
+        "coarse_bytes",
+        "coarse_trees",
         "crs",
         "levels",
         "trees",
@@ -34,8 +36,19 @@ fn the_figures_are_those_of_the_files() {
     assert_eq!(keys, expected);
     let number = |key: &str| info[key].as_u64().unwrap();
     let files = files(&db);
-    let ending = |end: &'static str| files.iter().filter(move |(name, _)| name.ends_with(end));
+    // Folders of coarse trees begin with a g.
+    let coarse = |name: &str| name.contains("trees/g");
+    let ending =
+        |end: &'static str| (files.iter()).filter(move |(name, _)| name.ends_with(end) && !coarse(name));
     assert_eq!(number("trees"), ending(".oct").count() as u64);
+    let coarse_files = || files.iter().filter(|(name, _)| coarse(name));
+    assert_eq!(
+        (number("coarse_trees"), number("coarse_bytes")),
+        (
+            coarse_files().filter(|(name, _)| name.ends_with(".oct")).count() as u64,
+            coarse_files().map(|(_, bytes)| bytes.len() as u64).sum()
+        )
+    );
     assert_eq!(number("levels"), 4, "8 · 2³ voxels");
     assert_eq!(
         number("bytes"),

@@ -170,7 +170,6 @@ fn entry(
 /// A database opened for the GPU.
 struct Open {
     store: Arc<dyn Store>,
-    trees: Vec<String>,
     renderer: Renderer,
 }
 
@@ -184,7 +183,6 @@ impl Open {
             ..RendererConfig::default()
         };
         Ok(Self {
-            trees: terrain.trees.clone(),
             renderer: Renderer::new(open_gpu()?, Arc::clone(&store), terrain, config)?,
             store,
         })
@@ -220,7 +218,7 @@ impl Open {
         render: &RenderSettings,
         repetitions: usize,
     ) -> Result<(Picture, Cost), CommandError> {
-        let reference = Reference::new(Arc::clone(&self.store), &self.trees)?;
+        let reference = Reference::open(Arc::clone(&self.store), &self.renderer.terrain().scene)?;
         // The first picture reads and decodes.
         let (picture, counters) = reference.render(camera, render)?;
         let mut times = Vec::new();

@@ -1,5 +1,7 @@
 //! The output folder: the same bytes always, resumed, refused, replaced.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use super::*;
 
 fn mesh_file(folder: &Path) -> PathBuf {
@@ -80,11 +82,49 @@ fn a_build_that_was_cut_short_is_resumed_to_the_same_bytes() {
         (again.trees, again.surface_voxels),
         (first.trees, first.surface_voxels)
     );
-    assert_eq!(again.resumed, kept.len());
+    let tree = |folder: &&(PathBuf, _)| !folder.0.to_string_lossy().contains("/g");
+    assert_eq!(again.resumed, kept.iter().filter(tree).count());
+    assert!(again.resumed < kept.len() && !args.out.join(manifest::SCRATCH).exists());
     assert!(
         kept.iter()
             .all(|(f, t)| fs::metadata(f.join(TREE_FILE)).unwrap().modified().unwrap() == *t)
     );
+    assert!(files(&args.out) == whole);
+}
+
+#[test]
+fn a_missing_coarse_tree_is_made_again_of_the_trees_in_it_and_beside_it() {
+    struct Tiles(AtomicU64);
+    impl Progress for Tiles {
+        fn start(&self, _: u64, _: u64) {}
+        fn tiles(&self, tiles: u64, _: u64) {
+            self.0.fetch_add(tiles, Ordering::Relaxed);
+        }
+        fn finish(&self) {}
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let args = BuildArgs {
+        tree_voxels: 16,
+        ..args(folder.path(), "db")
+    };
+    let (first, again) = [(); 2].map(|()| Tiles(AtomicU64::new(0))).into();
+    let report = build(&args, &first).unwrap();
+    let whole = files(&args.out);
+    let trees = fs::read_dir(args.out.join(TREES)).unwrap().flatten();
+    let lost: Vec<PathBuf> = (trees.map(|e| e.path()))
+        .filter(|path| path.to_string_lossy().contains("/g1_x0_y0_"))
+        .collect();
+    assert!(!lost.is_empty());
+    lost.iter().for_each(|path| fs::remove_dir_all(path).unwrap());
+    assert_eq!(
+        build(&args, &again).unwrap(),
+        BuildReport {
+            resumed: report.trees,
+            ..report
+        }
+    );
+    let (first, again) = (first.0.into_inner(), again.0.into_inner());
+    assert!(0 < again && 2 * again < first, "{again} of {first}");
     assert!(files(&args.out) == whole);
 }
 
