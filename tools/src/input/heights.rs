@@ -3,7 +3,7 @@
 //! Units: horizontal coordinates × the linear unit of their system; heights × (the option, else the file's vertical
 //! unit, else the horizontal unit; metres for degrees). A file without any georeference gets pixels of 1 m (or the size
 //! asked for) with row 0 in the north and the lower-left outer corner at (0, 0). Samples are kept whole or read in parts
-//! ([`super::cells`]). Immutable once loaded; read from many threads.
+//! (`cells`). Immutable once loaded; read from many threads.
 
 use std::path::Path;
 use std::sync::Arc;
