@@ -66,12 +66,13 @@ fn shared_skin(own: u64, around: u64) -> f32 {
     let [own, all] = [own, own | around].map(u64::count_ones);
     // Dithered, pieces of a plane leave some bits open between them, the more the more lies in the other pieces; and of a
     // steep plane's three pieces the largest, interpolated, may fall short of one half.
-    let whole = (all as usize + (all - own).div_ceil(2) as usize).min(BITS);
+    let open = (BITS as u32 - all) as usize;
+    let others = (all - own) as usize;
     let part = own as f32 / all.max(1) as f32;
-    let skin = if whole == BITS {
+    let skin = if open <= others.div_ceil(2) {
         1.1 * SKIN[BITS] * part.sqrt()
     } else {
-        SKIN[whole] * part
+        SKIN[all as usize + others.div_ceil(4)] * part
     };
     skin.min(SKIN_MAX)
 }
