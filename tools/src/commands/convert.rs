@@ -93,7 +93,9 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
                     "give a folder that does not",
                 ));
             }
-            recode::recode(&store, &names, args).map_err(damaged)?;
+            let coarse = scene.coarse_trees().map(|c| c.tree.tree_file.as_str());
+            let all: Vec<&str> = names.iter().copied().chain(coarse).collect();
+            recode::recode(&store, &all, args).map_err(damaged)?;
             print(&format!(
                 "{} bytes, {} before: {}\n",
                 HumanCount(folder_bytes(&args.out)?),
