@@ -3,7 +3,6 @@
 mod exact;
 mod filters;
 mod folder;
-mod ground;
 mod opacity;
 mod seams;
 
