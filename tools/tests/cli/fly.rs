@@ -53,8 +53,12 @@ const DAMAGES: [Damage; 5] = [
 fn flies_over_damage(of_tree: impl Fn(&str) -> String) {
     let db = copy_of_database();
     let trees = octrees(db.path());
-    assert!(trees.len() > DAMAGES.len(), "one tree has to stay: {trees:?}");
-    let spoilt: Vec<String> = trees.iter().take(DAMAGES.len()).map(|t| of_tree(t)).collect();
+    // A group one of whose coarse trees was given up has no use for the others, so of those only one is sure to be read.
+    let mut coarse = trees.iter().filter(|t| t.starts_with("trees/g"));
+    let mut spoilt: Vec<String> = coarse.next().into_iter().map(|t| of_tree(t)).collect();
+    let others = trees.iter().filter(|t| !t.starts_with("trees/g"));
+    spoilt.extend(others.map(|t| of_tree(t)).take(DAMAGES.len() - spoilt.len()));
+    assert_eq!(spoilt.len(), DAMAGES.len(), "{trees:?}");
     for (file, (_, damage)) in spoilt.iter().zip(DAMAGES) {
         damage(&db.path().join(file));
     }
