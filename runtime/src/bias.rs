@@ -1,6 +1,6 @@
 //! The one owner of the footprint bias that keeps the working set inside the pool.
 //!
-//! `demand` is what the last frame's rays used and lacked, in bricks. Above 90 % of the pool the bias rises by half the
+//! `demand` is what the last frame's rays used, with what is above it, and lacked, in bricks. Above 90 % of the pool the bias rises by half the
 //! binary logarithm of the excess (a bias of one halves the resolution: a quarter of the bricks on a surface). It falls
 //! only below 70 %, and never while the camera rests, because a plain integrator cycles for ever. Called by the render
 //! thread, once for each read-back.
@@ -41,8 +41,9 @@ impl BiasController {
             .map(|(demand, capacity)| demand / capacity.max(1.0))
             .fold(0.0, f64::max);
         let rests = self.camera.replace(*camera) == Some(*camera);
-        self.waiting = load > HIGH && frame.saturating_sub(self.changed) < SETTLE_FRAMES;
-        if frame.saturating_sub(self.changed) < SETTLE_FRAMES {
+        let young = frame.saturating_sub(self.changed) < SETTLE_FRAMES;
+        self.waiting = load > HIGH && self.extra < MAX && young;
+        if young {
             return;
         }
         if load > HIGH {

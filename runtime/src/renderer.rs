@@ -359,9 +359,9 @@ impl Renderer {
                 .map(|fault: PageFault| fault.message),
         );
 
-        let used: u32 = self.feedback.used_bricks.iter().map(|w| w.count_ones()).sum();
+        let in_use = self.pool.bricks_in_use(self.feedback.frame.max(1));
         let slots = f64::from(self.memory.sizes.bricks());
-        let demand = f64::from(used) + self.pending as f64;
+        let demand = f64::from(in_use) + self.pending as f64;
         let ram = self.pager.over_budget();
         self.bias.update(frame, camera, &[(demand, slots), (ram, 1.0)]);
         report.bias = settings.bias + self.bias.extra();

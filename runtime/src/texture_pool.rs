@@ -128,6 +128,16 @@ impl TexturePoolManager {
         self.sizes.bricks() - self.free_slots.len() as u32
     }
 
+    /// Bricks that rays of a frame, or of a later one, used or wanted, and those above them: a resident set closed under parents
+    /// needs room for both.
+    pub fn bricks_in_use(&self, frame: u32) -> u32 {
+        let in_use = self
+            .slots
+            .iter()
+            .filter(|s| s.node != NONE && s.last_used >= frame);
+        in_use.count() as u32
+    }
+
     /// True if another tile or brick can be sent in this frame.
     fn can_send(&mut self) -> bool {
         let fits = self.bricks.len() < MAX_UPLOAD_BRICKS && self.dirty.len() + 64 < MAX_UPLOAD_NODES;

@@ -241,6 +241,14 @@ impl Open {
 /// Most device memory for what is measured at other settings than the size of the pools.
 const GPU_BUDGET: u64 = 1 << 30;
 
+/// Where the suite is.
+fn say(row: &Entry) {
+    println!(
+        "  {} {}, {} ({}): {:.2} dB, FLIP {:.4}",
+        row.scene, row.view, row.setting, row.backend, row.psnr_db, row.flip
+    );
+}
+
 fn measure_scene(
     scene: &Scene,
     settings: &Settings<'_>,
@@ -261,10 +269,7 @@ fn measure_scene(
         let judge = Judge::new(&truth, view, &render)?;
         let (picture, cost) = open.draw(&judge.camera, &render, repetitions)?;
         let (row, pictures) = entry(&scene.name, "default", &judge, &picture, &cost)?;
-        println!(
-            "  {} {}: {:.2} dB, FLIP {:.4}",
-            scene.name, judge.view, row.psnr_db, row.flip
-        );
+        say(&row);
         entries.push(row);
         shown.push(pictures);
         if view.swept {
@@ -275,7 +280,10 @@ fn measure_scene(
         return Ok(());
     };
     let mut add = |setting: &str, judge: &Judge, picture: &Picture, cost: &Cost| {
-        entry(&scene.name, setting, judge, picture, cost).map(|(row, _)| entries.push(row))
+        let (row, _) = entry(&scene.name, setting, judge, picture, cost)?;
+        say(&row);
+        entries.push(row);
+        Ok::<_, CommandError>(())
     };
     let (picture, cost) = open.reference(&judge.camera, &render, 1)?;
     add("default", &judge, &picture, &cost)?;
