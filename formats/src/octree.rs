@@ -59,6 +59,15 @@ impl TreeHeader {
         [self.origin, self.origin + DVec3::splat(self.side())]
     }
 
+    /// The finest voxels of which a box in the world has a part, from the origin: low corner, and high corner exclusive; none
+    /// outside of the tree. A corner that is a voxel's but for rounding is that voxel's.
+    pub fn voxels_within(&self, bounds: [DVec3; 2]) -> [UVec3; 2] {
+        let last = DVec3::splat(self.side_voxels() as f64);
+        let origin = (self.origin / self.voxel_size).map(whole);
+        let local = bounds.map(|p| (p / self.voxel_size).map(whole) - origin);
+        [local[0].floor(), local[1].ceil()].map(|p| p.clamp(DVec3::ZERO, last).as_uvec3())
+    }
+
     /// Checks the ranges that everything else relies on.
     ///
     /// # Errors
@@ -96,6 +105,16 @@ impl TreeHeader {
             return Err(FormatError::file("surface bounds do not lie in the tree"));
         }
         Ok(())
+    }
+}
+
+/// Makes an integer of what is one but for f64's rounding: a metre that is not a power of two has no exact number of voxels.
+fn whole(voxels: f64) -> f64 {
+    let nearest = voxels.round();
+    if (voxels - nearest).abs() <= nearest.abs() * (4.0 * f64::EPSILON) {
+        nearest
+    } else {
+        voxels
     }
 }
 

@@ -336,7 +336,13 @@ impl Renderer {
             match self.pool.activate(tree, &state, frame) {
                 Some(root) => {
                     let least_level = record::least_level(header.depth, visible.beyond);
-                    records.push(record::tree_record(camera, &header, root, least_level));
+                    records.push(record::tree_record(
+                        camera,
+                        &header,
+                        &visible.bounds,
+                        root,
+                        least_level,
+                    ));
                     active.push(ActiveTree { tree, state });
                 }
                 None => report.trees_waiting += 1,

@@ -81,12 +81,14 @@ pub struct Tree {
     pub cell: [i32; 3],
     /// Rim of constant nodes, in voxels of the node's own level.
     pub rim: u32,
+    /// Low corner of what is drawn of the tree, in finest voxels.
+    pub low: [i32; 3],
     /// Steps after which a ray is stopped in this tree.
     pub max_steps: u32,
+    /// High corner, exclusive.
+    pub high: [i32; 3],
     /// Least fractional level; above 0 where a coarse tree has just taken over.
     pub least_level: f32,
-    /// Unused.
-    pub pad: [u32; 2],
 }
 
 /// What the upload kernels are told; `Scatter` in `scatter.wgsl`.
@@ -105,7 +107,7 @@ pub struct Scatter {
     pub slots: [u32; 4],
 }
 
-const _: () = assert!(size_of::<Frame>() == 176 && size_of::<Tree>() == 96 && size_of::<Scatter>() == 32);
+const _: () = assert!(size_of::<Frame>() == 176 && size_of::<Tree>() == 112 && size_of::<Scatter>() == 32);
 
 /// Bit of a node's first word: there is no data below.
 pub const TERMINAL: u32 = 1 << 31;

@@ -1,13 +1,16 @@
 //! The GPU's pictures of real terrains: against the reference, against each other, and in pools that are too small.
 
 use std::path::Path;
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use brickfell::build::Filter;
 use brickfell::holes::count_holes;
 use brickfell_culler::Camera;
 use brickfell_formats::layout::SampleLayout;
+use brickfell_formats::scene::{CoarseOctTree, Group, PagedOctTree};
+use brickfell_runtime::reference::Reference;
 use brickfell_runtime::settings::RenderSettings;
+use brickfell_runtime::terrain::{Terrain, read_header};
 use brickfell_tests::demo::{Demo, SIZE};
 use brickfell_tests::exact::exactly;
 use brickfell_tests::pictures::{BOUND, SAME, assert_alike, covered};
@@ -255,4 +258,53 @@ fn a_far_eye_with_a_narrow_view_sees_what_a_near_one_does() {
             assert!(covered(&picture.gpu) > 320 * 240 / 2, "{what} shows little");
         }
     });
+}
+
+#[test]
+fn nothing_is_lost_where_trees_are_cut_to_what_is_in_them() {
+    let (world, cameras) = {
+        let mut demo = demo();
+        (demo.world(TREE, SampleLayout::Centre), cameras(&demo))
+    };
+    let mut scene = Terrain::open(&world.store).unwrap().scene;
+    // Trees, and the coarse ones of each height: those lie one within the other.
+    let mut parts: Vec<Vec<PagedOctTree>> = vec![scene.trees().cloned().collect()];
+    let coarse: Vec<CoarseOctTree> = scene.coarse_trees().cloned().collect();
+    let by_voxel = |voxel: f64| coarse.iter().filter(move |c| c.voxel == voxel);
+    let voxels = (1..8).map(|height| 2.0 * f64::from(1 << height));
+    parts.extend(
+        voxels
+            .map(|v| by_voxel(v).map(|c| c.tree.clone()).collect::<Vec<_>>())
+            .filter(|p| !p.is_empty()),
+    );
+    assert!(parts.len() > 1, "no groups");
+    for part in &parts {
+        let names: Vec<String> = part.iter().map(|t| t.tree_file.clone()).collect();
+        scene.root = Group {
+            trees: part.clone(),
+            ..Group::default()
+        };
+        let cut = Reference::open(Arc::clone(&world.store), &scene).unwrap();
+        let whole = Reference::new(Arc::clone(&world.store), &names).unwrap();
+        for (what, camera) in &cameras {
+            for bias in [-1.0, 1.0, 3.0, 5.0] {
+                let settings = RenderSettings {
+                    bias,
+                    ..RenderSettings::default()
+                };
+                let [(cut, counters), (whole, more)] =
+                    [&cut, &whole].map(|r| r.render(camera, &settings).unwrap());
+                assert_alike(&format!("{what} at {bias}"), &cut, &whole, SAME);
+                assert!(counters.nodes <= more.nodes, "{what}: {counters:?} {more:?}");
+            }
+        }
+    }
+    let volume = |[lo, hi]: [DVec3; 2]| (hi - lo).element_product();
+    let bounds = |t: &PagedOctTree| t.bounds.map(|b| [b.min, b.max]).unwrap();
+    let trees = || parts.iter().flatten();
+    let cut: f64 = trees().map(|t| volume(bounds(t))).sum();
+    let whole: f64 = trees()
+        .map(|t| volume(read_header(&*world.store, &t.tree_file).unwrap().bounds()))
+        .sum();
+    assert!(cut < 0.9 * whole, "{cut} of {whole} cubic metres");
 }

@@ -54,8 +54,8 @@ pub(super) struct Trail {
 }
 
 impl Trail {
-    /// The trail of a ray that is at depth `z`, in a tree of `side` cells.
-    pub(super) fn new(origin: DVec3, direction: DVec3, z: f64, side: i64) -> Self {
+    /// The trail of a ray that is at depth `z`, somewhere in a box.
+    pub(super) fn new(origin: DVec3, direction: DVec3, z: f64, within: &CellBox) -> Self {
         let mut trail = Self {
             origin,
             direction,
@@ -63,7 +63,7 @@ impl Trail {
         };
         let p = trail.at(z);
         trail.cell = i64vec3(trail.settle(p, 0), trail.settle(p, 1), trail.settle(p, 2))
-            .clamp(I64Vec3::ZERO, I64Vec3::splat(side - 1));
+            .clamp(within.lo, within.hi - 1);
         trail
     }
 

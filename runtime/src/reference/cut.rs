@@ -47,7 +47,7 @@ impl Group {
         let coarse = take(&mut next.coarse, group.coarse.len());
         let groups: Vec<Group> = group.groups.iter().map(|g| Group::new(g, all, next)).collect();
         let mut bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-        let boxes = trees.iter().chain(&coarse).map(|k| all[*k].header.bounds());
+        let boxes = trees.iter().chain(&coarse).map(|k| all[*k].bounds);
         for [min, max] in boxes.chain(groups.iter().map(|g| g.bounds)) {
             bounds = [bounds[0].min(min), bounds[1].max(max)];
         }

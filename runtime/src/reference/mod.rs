@@ -100,9 +100,13 @@ impl Reference {
     /// # Errors
     /// A tree file that cannot be read or whose header is not sound.
     pub fn open(store: Arc<dyn Store>, scene: &scene::Scene) -> Result<Self, ReferenceError> {
-        let names = scene.trees().chain(scene.coarse_trees().map(|c| &c.tree));
-        let names: Vec<String> = names.map(|tree| tree.tree_file.clone()).collect();
-        let Self { trees, .. } = Self::new(store, &names)?;
+        let trees = scene.trees().chain(scene.coarse_trees().map(|c| &c.tree));
+        let trees = trees
+            .map(|tree| {
+                let bounds = tree.bounds.map(|b| [b.min, b.max]);
+                Tree::open(store.clone(), &tree.tree_file, bounds)
+            })
+            .collect::<Result<Vec<_>, _>>()?;
         let mut next = Numbers {
             tree: 0,
             coarse: scene.trees().count(),
@@ -118,7 +122,7 @@ impl Reference {
     pub fn new(store: Arc<dyn Store>, trees: &[String]) -> Result<Self, ReferenceError> {
         let trees = trees
             .iter()
-            .map(|name| Tree::open(store.clone(), name))
+            .map(|name| Tree::open(store.clone(), name, None))
             .collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             root: Group::flat(trees.len()),

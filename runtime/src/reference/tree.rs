@@ -12,6 +12,7 @@ use brickfell_formats::octree::{Node, TreeHeader};
 use brickfell_formats::octree_binary::{self, OctreeIndex};
 use brickfell_formats::{FormatError, octree_xml};
 use brickfell_pager::store::Store;
+use glam::DVec3;
 
 use super::ReferenceError;
 use super::sampling::Brick;
@@ -29,6 +30,8 @@ pub(super) struct Tree {
     name: String,
     /// The tree's properties.
     pub(super) header: TreeHeader,
+    /// Where it is drawn, world metres.
+    pub(super) bounds: [DVec3; 2],
     /// Table of the binary file; an XML file has none and is read whole.
     index: Option<OctreeIndex>,
     levels: Vec<Once<Vec<Node>>>,
@@ -43,8 +46,12 @@ struct BrickFile {
 }
 
 impl Tree {
-    /// Reads the header of a tree file, binary or XML.
-    pub(super) fn open(store: Arc<dyn Store>, name: &str) -> Result<Self, ReferenceError> {
+    /// Reads the header of a tree file, binary or XML. Where no bounds are given all of it is drawn.
+    pub(super) fn open(
+        store: Arc<dyn Store>,
+        name: &str,
+        bounds: Option<[DVec3; 2]>,
+    ) -> Result<Self, ReferenceError> {
         let len = length(&*store, name)?;
         let head = read(&*store, name, 0, len.min(octree_binary::prefix_len() as u64))?;
         let format = |e| ReferenceError::format(&*store, name, e);
@@ -70,6 +77,7 @@ impl Tree {
         Ok(Self {
             store,
             name: name.to_owned(),
+            bounds: bounds.unwrap_or(header.bounds()),
             header,
             index,
             levels,

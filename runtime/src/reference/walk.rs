@@ -47,22 +47,29 @@ impl Passage {
     pub(super) fn through(tree: &Tree, ray: &Ray) -> Option<Self> {
         // In voxels, where all trees of a lattice have the same planes whatever their origins' rounding.
         let (eye, direction) = in_tree(tree, ray);
-        let side = tree.header.side_voxels() as f64;
+        let drawn = drawn(tree);
+        let (low, high) = (drawn.lo.as_dvec3(), drawn.hi.as_dvec3());
         let (mut enter, mut leave) = (0f64, f64::INFINITY);
         for axis in 0..3 {
             let (p, d) = (eye[axis], direction[axis]);
             if d == 0.0 {
-                if !(0.0 <= p && p < side) {
+                if !(low[axis] <= p && p < high[axis]) {
                     return None;
                 }
             } else {
-                let (a, b) = (-p / d, (side - p) / d);
+                let (a, b) = ((low[axis] - p) / d, (high[axis] - p) / d);
                 enter = enter.max(a.min(b));
                 leave = leave.min(a.max(b));
             }
         }
         (enter < leave && leave.is_finite()).then_some(Self { enter, leave })
     }
+}
+
+/// What is drawn of a tree.
+fn drawn(tree: &Tree) -> CellBox {
+    let [lo, hi] = tree.header.voxels_within(tree.bounds).map(|p| p.as_i64vec3());
+    CellBox { lo, hi }
 }
 
 /// A ray's eye and direction in finest voxels of a tree, from its low corner.
@@ -177,7 +184,7 @@ impl<'t, 'r> Walk<'t, 'r> {
     pub(super) fn new(tree: &'t Tree, ray: &'r Ray, passage: Passage, least_level: f64) -> Self {
         let header = &tree.header;
         let (eye, direction) = in_tree(tree, ray);
-        let trail = Trail::new(eye, direction, passage.enter, header.side_voxels() as i64);
+        let trail = Trail::new(eye, direction, passage.enter, &drawn(tree));
         Self {
             tree,
             ray,
@@ -193,11 +200,10 @@ impl<'t, 'r> Walk<'t, 'r> {
 
     /// Gathers what the tree adds to the ray, until the ray leaves it or is opaque.
     pub(super) fn run(mut self, transport: &mut Transport) -> Result<(), ReferenceError> {
-        let side = self.tree.header.side_voxels() as i64;
-        let root = CellBox::around(glam::I64Vec3::ZERO, side);
+        let drawn = drawn(self.tree);
         let mut last: Option<Place<'t>> = None;
         for _ in 0..self.cap {
-            if self.z >= self.passage.leave || !root.contains(self.trail.cell()) {
+            if self.z >= self.passage.leave || !drawn.contains(self.trail.cell()) {
                 return Ok(());
             }
             let weight = self.choose_level();

@@ -1,7 +1,7 @@
 //! A tree as the kernel is told of it: small f32 numbers near the eye, worked out in f64 each frame. Called by the render
 //! thread.
 
-use brickfell_culler::Camera;
+use brickfell_culler::{Aabb, Camera};
 use brickfell_formats::octree::TreeHeader;
 use brickfell_shaders::layout;
 use glam::DVec3;
@@ -10,9 +10,17 @@ use glam::DVec3;
 /// lies farther out is in the base.
 const FARTHEST_CELL: f64 = (1u32 << 24) as f64;
 
-/// A tree as the kernel sees it: everything relative to the depth where it begins, worked out in f64.
-pub(super) fn tree_record(camera: &Camera, header: &TreeHeader, root: u32, least_level: f64) -> layout::Tree {
-    let [lo, hi] = header.bounds();
+/// A tree as the kernel sees it: everything relative to the depth where it begins, worked out in f64. Of the tree, what lies in
+/// `bounds` is drawn.
+pub(super) fn tree_record(
+    camera: &Camera,
+    header: &TreeHeader,
+    bounds: &Aabb,
+    root: u32,
+    least_level: f64,
+) -> layout::Tree {
+    let [low, high] = header.voxels_within([bounds.min, bounds.max]);
+    let [lo, hi] = [low, high].map(|p| header.origin + p.as_dvec3() * header.voxel_size);
     // Depth is linear, so its least value over the box is reached at a corner.
     let nearest = DVec3::select(camera.forward.cmpgt(DVec3::ZERO), lo, hi);
     let depth0 = (nearest - camera.eye).dot(camera.forward).max(0.0);
@@ -36,9 +44,10 @@ pub(super) fn tree_record(camera: &Camera, header: &TreeHeader, root: u32, least
         texel_offset: header.layout.texel_offset() as f32,
         // The rim is given in voxels of the coarser level, twice the node's own.
         rim: (header.layout.rim() * 2.0) as u32,
+        low: low.as_ivec3().to_array(),
         max_steps: 64 + 4 * header.side_voxels() as u32,
+        high: high.as_ivec3().to_array(),
         least_level: least_level as f32,
-        pad: [0; 2],
     }
 }
 

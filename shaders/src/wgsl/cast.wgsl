@@ -140,14 +140,13 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     let tree = trees[tree_index];
     let origin = tree.base + screen.x * tree.base_x + screen.y * tree.base_y;
     let d = direction * tree.inv_voxel;
-    let side = i32(8u << tree.depth);
     let parallel = d == vec3(0.0);
     let positive = d > vec3(0.0);
     let inv = 1.0 / select(d, vec3(1.0), parallel);
 
     // Half-open slabs; depths are relative to the tree's.
-    let box_low = vec3<f32>(-tree.cell);
-    let box_high = vec3<f32>(side - tree.cell);
+    let box_low = vec3<f32>(tree.low - tree.cell);
+    let box_high = vec3<f32>(tree.high - tree.cell);
     if (any(parallel & ((origin < box_low) | (origin >= box_high)))) {
         return;
     }
@@ -163,8 +162,8 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     }
 
     // The entry plane's cell is exact, the others are where the point lies.
-    var cell = clamp(tree.cell + vec3<i32>(floor(origin + d * t)), vec3(0), vec3(side - 1));
-    cell = select(cell, select(vec3(side - 1), vec3(0), positive), (t_in == vec3(t)) & !parallel);
+    var cell = clamp(tree.cell + vec3<i32>(floor(origin + d * t)), tree.low, tree.high - 1);
+    cell = select(cell, select(tree.high - 1, tree.low, positive), (t_in == vec3(t)) & !parallel);
 
     var stack: array<u32, MAX_LEVELS>;
     stack[0] = tree.root;
@@ -328,7 +327,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         let old = cell;
         let inside = clamp(tree.cell + vec3<i32>(floor(origin + d * t)), low, low + vec3(size - 1));
         cell = select(inside, select(low - 1, low + size, positive), crossed);
-        if (any(cell < vec3(0)) || any(cell >= vec3(side))) {
+        if (any(cell < tree.low) || any(cell >= tree.high)) {
             return;
         }
         let differs = (cell.x ^ old.x) | (cell.y ^ old.y) | (cell.z ^ old.z);

@@ -66,12 +66,14 @@ struct Tree {
     cell: vec3<i32>,
     // Rim of constant nodes in voxels of a node's own level.
     rim: u32,
+    // Low corner of what is drawn of the tree, in finest voxels.
+    low: vec3<i32>,
     // Steps after which a ray is stopped in this tree.
     max_steps: u32,
+    // High corner, exclusive.
+    high: vec3<i32>,
     // Least fractional level; above 0 where a coarse tree has just taken over.
     least_level: f32,
-    pad0: u32,
-    pad1: u32,
 }
 
 // Node words: x: bit 31 terminal, bit 30 brick, bit 29 the brick has opacities against the axes, else the child tile (0: none resident); y: colour, or brick slot + 1 (0: not

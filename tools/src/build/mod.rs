@@ -18,6 +18,7 @@
 
 mod bins;
 mod blocks;
+mod crop;
 mod error;
 mod filter;
 mod finest;
@@ -287,11 +288,13 @@ fn build_from(
     schedule.run(&mut empty, |place, header, resumed| {
         report.resumed += usize::from(resumed);
         report.surface_voxels += header.surface_voxels;
+        let file = format!("{TREES}/{}/{TREE_FILE}", lattice.tree_name(place));
         trees.push(SceneTree {
             column: lattice.column_of(place.origin[0], place.origin[1]),
-            file: format!("{TREES}/{}/{TREE_FILE}", lattice.tree_name(place)),
-            header,
+            bounds: crop::content(&args.out.join(&file))?,
+            file,
         });
+        Ok(())
     })?;
     report.trees = trees.len();
     groups.build(&terrain, &open, &args.out, &mut empty)?;
@@ -305,6 +308,7 @@ fn build_from(
             height: group.height,
             column: group.column,
             header: read_header(&args.out.join(&file))?,
+            bounds: crop::content(&args.out.join(&file))?,
             file,
         });
     }

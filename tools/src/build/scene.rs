@@ -1,26 +1,27 @@
 //! The scene file of a built terrain: trees in groups, nested as a quadtree over the columns of trees, each with its coarse
-//! trees.
+//! trees. A tree's box is that of what is in it ([`super::crop`]).
 
 use std::collections::BTreeMap;
 
 use brickfell_formats::octree::TreeHeader;
 use brickfell_formats::scene::{Bounds, CoarseOctTree, Group, PagedOctTree, Scene};
 
-/// A tree of the scene: its column, its file and its header.
+/// A tree of the scene: its column, its file and its box.
 #[derive(Clone, Debug)]
 pub(crate) struct SceneTree {
     pub(crate) column: (i64, i64),
     pub(crate) file: String,
-    pub(crate) header: TreeHeader,
+    pub(crate) bounds: Bounds,
 }
 
-/// A coarse tree of a group: how many levels of groups end with it, the group's column, its file and its header.
+/// A coarse tree of a group: how many levels of groups end with it, the group's column, its file, its header and its box.
 #[derive(Clone, Debug)]
 pub(crate) struct SceneGroup {
     pub(crate) height: u8,
     pub(crate) column: (i64, i64),
     pub(crate) file: String,
     pub(crate) header: TreeHeader,
+    pub(crate) bounds: Bounds,
 }
 
 /// The scene of all trees; coarse trees come lowest groups first.
@@ -30,7 +31,7 @@ pub(crate) fn scene(mut trees: Vec<SceneTree>, coarse: Vec<SceneGroup>, crs: Opt
     let mut groups: BTreeMap<(i64, i64), Group> = BTreeMap::new();
     for tree in trees {
         let group = groups.entry(tree.column).or_default();
-        group.trees.push(paged(tree.file, &tree.header));
+        group.trees.push(paged(tree.file, tree.bounds));
     }
     for level in coarse.chunk_by(|a, b| a.height == b.height) {
         let mut above: BTreeMap<(i64, i64), Group> = BTreeMap::new();
@@ -45,7 +46,7 @@ pub(crate) fn scene(mut trees: Vec<SceneTree>, coarse: Vec<SceneGroup>, crs: Opt
         for tree in level {
             let group = above.entry(tree.column).or_default();
             group.coarse.push(CoarseOctTree {
-                tree: paged(tree.file.clone(), &tree.header),
+                tree: paged(tree.file.clone(), tree.bounds),
                 voxel: tree.header.voxel_size,
             });
         }
@@ -79,12 +80,12 @@ fn finished(group: Group) -> Group {
     }
 }
 
-fn paged(file: String, header: &TreeHeader) -> PagedOctTree {
-    let [min, max] = header.bounds();
+fn paged(file: String, bounds: Bounds) -> PagedOctTree {
+    let Bounds { min, max } = bounds;
     PagedOctTree {
         center: (min + max) * 0.5,
         radius: (max - min).length() * 0.5,
-        bounds: Some(Bounds { min, max }),
+        bounds: Some(bounds),
         tree_file: file,
     }
 }

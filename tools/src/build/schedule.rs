@@ -157,7 +157,7 @@ impl Schedule<'_> {
     pub(crate) fn run(
         &mut self,
         empty: &mut EmptyTrees,
-        mut each: impl FnMut(TreePlace, TreeHeader, bool),
+        mut each: impl FnMut(TreePlace, TreeHeader, bool) -> Result<(), BuildError>,
     ) -> Result<(), BuildError> {
         let lattice = self.terrain.lattice;
         let places = &self.terrain.plan.trees;
@@ -240,7 +240,7 @@ impl Schedule<'_> {
                     None
                 };
                 if let Some(header) = header {
-                    each(*place, header, resumed);
+                    each(*place, header, resumed)?;
                 }
             }
             let (old, kept): (Vec<Tile>, _) = made.into_iter().partition(|t| t.tree.origin[0] < row.x);

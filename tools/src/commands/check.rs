@@ -204,25 +204,22 @@ fn check_reference(store: &dyn Store, reference: &PagedOctTree, tree: &TreeRepor
     let corners = header.bounds();
     let slack = tolerance(&corners);
     let name = &reference.tree_file;
-    if let Some(Bounds { min, max }) = reference.bounds {
-        let off = (min - corners[0])
-            .abs()
-            .max((max - corners[1]).abs())
-            .max_element();
-        if off > slack {
-            let what = format!(
-                "file: TreeFile=\"{name}\": its box is {min} to {max}, the octree's {} to {}",
-                corners[0], corners[1]
-            );
-            report.faults.push(located(store, SCENE_FILE, what));
-        }
+    let [min, max] = corners;
+    let octree = Bounds { min, max };
+    let drawn = reference.bounds.unwrap_or(octree);
+    if !holds(&octree, &drawn) {
+        let what = format!(
+            "file: TreeFile=\"{name}\": its box is {} to {}, the octree's only {min} to {max}",
+            drawn.min, drawn.max
+        );
+        report.faults.push(located(store, SCENE_FILE, what));
     }
-    let center = (corners[0] + corners[1]) * 0.5;
-    let needed = reference.center.distance(center) + header.side() * 3f64.sqrt() * 0.5;
+    let center = (drawn.min + drawn.max) * 0.5;
+    let needed = reference.center.distance(center) + (drawn.max - drawn.min).length() * 0.5;
     // A per mille covers radii written with few digits.
     if needed > reference.radius * 1.001 + slack {
         let what = format!(
-            "file: TreeFile=\"{name}\": its sphere (Center, Radius {}) does not hold the octree's box, which needs {needed:.2}",
+            "file: TreeFile=\"{name}\": its sphere (Center, Radius {}) does not hold its box, which needs {needed:.2}",
             reference.radius
         );
         report.warnings.push(located(store, SCENE_FILE, what));
@@ -260,7 +257,11 @@ fn check_overlaps(
     let added = builder.add_group(None).and_then(|group| {
         for (id, reference) in (0..).zip(references) {
             let header = trees.get(reference.tree_file.as_str()).and_then(|t| t.header);
-            let bounds = header.and_then(|h| Aabb::new(h.bounds()[0], h.bounds()[1]).ok());
+            let drawn = reference.bounds.map(|b| [b.min, b.max]);
+            let bounds = header.and_then(|h| {
+                let [min, max] = drawn.unwrap_or(h.bounds());
+                Aabb::new(min, max).ok()
+            });
             if let Some(bounds) = bounds {
                 builder.add_tree(Some(group), TreeId(id), bounds)?;
             }
