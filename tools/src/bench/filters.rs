@@ -147,6 +147,7 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
         let cache = RasterCache::new(RasterCache::DEFAULT_BUDGET, std::env::temp_dir());
         let input = Inputs::load(
             &scene.meshes,
+            &[],
             &scene.heights,
             UpAxis::Z,
             HeightOptions::default(),

@@ -9,7 +9,7 @@ use super::blocks::{BlockColumn, Blocks, Dense, Slot, in_block, new_dense};
 use super::filter::{Cover, Level, thinned};
 use super::ground::{Ground, GroundGrid};
 use super::lattice::{CellBox, Lattice, Region, SIDE};
-use super::overlap::for_each_cell;
+use super::overlap::{Voxelise, for_each_cell};
 use super::sample::{Look, Sample};
 use super::spill::{Reader, Writer};
 use super::surface::{Facet, Shader};
@@ -29,6 +29,8 @@ pub(crate) struct Sources<'a> {
     pub(crate) materials: &'a [(Material, Placing)],
     /// The faces that may meet the region and its margin, in order.
     pub(crate) faces: &'a [Binned],
+    /// Which cells triangles leave something in.
+    pub(crate) by: Voxelise,
     /// Whether the filter asks for what samples cover.
     pub(crate) covers: bool,
 }
@@ -246,14 +248,17 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, faces: &[u32]) -> (Vec<Colum
     for number in faces {
         let binned = &sources.faces[*number as usize];
         let corners = binned.face.corners.map(|p| sources.lattice.cells_of(p));
-        let Some(shader) = Shader::new(binned, &corners, sources.materials, sources.covers) else {
+        // What a thin surface meets it covers as a whole.
+        let whole = (sources.covers && sources.by == Voxelise::Thin).then_some(Cover::WHOLE);
+        let outlines = sources.covers && whole.is_none();
+        let Some(shader) = Shader::new(binned, &corners, sources.materials, outlines) else {
             continue;
         };
-        for_each_cell(&corners, &clip, |cell| {
+        for_each_cell(&corners, &clip, sources.by, |cell| {
             let Some(facet) = shader.facet(cell) else { return };
             let facets = facets.at(cell);
             facets.add(&facet);
-            if let Some(cover) = shader.outline(cell) {
+            if let Some(cover) = whole.or_else(|| shader.outline(cell)) {
                 facets.cover = facets
                     .cover
                     .with(thinned(cover, facet.skin, cell, binned.number as i64));

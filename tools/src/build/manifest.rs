@@ -49,6 +49,8 @@ pub(crate) struct Arguments {
     pub(crate) encoding: String,
     pub(crate) chunk_log2: u8,
     pub(crate) filter: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) voxelise: Option<String>,
 }
 
 #[derive(Debug, Serialize)]

@@ -52,10 +52,15 @@ use glam::DVec3;
 
 pub use error::BuildError;
 pub use filter::Filter;
+pub use overlap::Voxelise;
 pub use progress::{IndicatifProgress, Progress, Silent};
 
 pub use crate::input::HeightInput;
-use crate::input::{HeightOptions, HeightUnit, Layer, RasterCache, TerrainRgb, UpAxis, load_layers, mesh};
+use crate::input::placements::{self, Placement, Pose};
+use crate::input::{
+    Face, HeightOptions, HeightUnit, Layer, RasterCache, Streamed, TerrainRgb, UpAxis, highest_ground,
+    load_layers, mesh,
+};
 use bins::Bins;
 use groups::GroupPlan;
 use lattice::Lattice;
@@ -82,6 +87,8 @@ const DEFAULT_RESOLUTION: f64 = 1024.0;
 pub struct BuildArgs {
     /// Meshes (OBJ).
     pub inputs: Vec<PathBuf>,
+    /// Lists of placed models ([`crate::input::placements`]).
+    pub placements: Vec<PathBuf>,
     /// Height maps.
     pub heights: Vec<HeightInput>,
     /// The folder to write.
@@ -104,6 +111,8 @@ pub struct BuildArgs {
     pub chunk_log2: u8,
     /// How coarser levels are made of finer ones.
     pub filter: Filter,
+    /// Which voxels a triangle of a mesh leaves something in.
+    pub voxelise: Voxelise,
     /// Whether a database built from something else may be replaced.
     pub force: bool,
     /// Threads to work with; 0 is one per core.
@@ -117,6 +126,7 @@ impl BuildArgs {
     pub fn new(out: impl Into<PathBuf>) -> Self {
         Self {
             inputs: Vec::new(),
+            placements: Vec::new(),
             heights: Vec::new(),
             out: out.into(),
             voxel: None,
@@ -128,6 +138,7 @@ impl BuildArgs {
             encoding: Encoding::Packed,
             chunk_log2: 2,
             filter: Filter::default(),
+            voxelise: Voxelise::default(),
             force: false,
             threads: 0,
             memory: DEFAULT_MEMORY,
@@ -166,7 +177,7 @@ pub fn build(args: &BuildArgs, progress: &dyn Progress) -> Result<BuildReport, B
 
 /// Checks the arguments and gives the depth of trees.
 fn check(args: &BuildArgs) -> Result<u8, BuildError> {
-    if args.inputs.is_empty() && args.heights.is_empty() {
+    if args.inputs.is_empty() && args.placements.is_empty() && args.heights.is_empty() {
         return Err(BuildError::NoInput);
     }
     if let Some(voxel) = args.voxel.filter(|v| !(1e-9..=1e9).contains(v)) {
@@ -185,6 +196,8 @@ fn check(args: &BuildArgs) -> Result<u8, BuildError> {
 /// What is in memory of the input before the lattice is known.
 struct Ground {
     layers: Vec<Layer>,
+    /// Placed models, and where they stand.
+    placed: Vec<(PathBuf, Vec<Pose>)>,
 }
 
 impl Ground {
@@ -196,7 +209,15 @@ impl Ground {
         };
         let cache = RasterCache::near(args.memory / RASTERS_SHARE, &args.out);
         let layers = load_layers(&args.heights, options, &cache)?;
-        Ok(Self { layers })
+        let mut placed = Vec::new();
+        for list in &args.placements {
+            for model in placements::read(list)? {
+                let pose = |p: &Placement| p.pose(list, |x, y| highest_ground(&layers, x, y));
+                let poses = model.placements.iter().map(pose).collect::<Result<_, _>>()?;
+                placed.push((model.path, poses));
+            }
+        }
+        Ok(Self { layers, placed })
     }
 
     fn build(&self, args: &BuildArgs, depth: u8, progress: &dyn Progress) -> Result<BuildReport, BuildError> {
@@ -215,13 +236,21 @@ impl Ground {
         let mut faces = Bins::new(lattice, &args.out, (args.memory / FACES_SHARE) as usize);
         let mut warnings: Vec<String> = self.layers.iter().flat_map(|l| l.map.notes.clone()).collect();
         let mut files = Vec::new();
-        for path in &args.inputs {
+        let mut read = |path: &Path, poses: &[Pose]| {
             let first = faces.materials.len() as u32;
-            let mesh = mesh::stream(path, args.up, |new| faces.add(new, first))?;
+            let mesh = stream_posed(path, args.up, poses, |new| faces.add(new, first))?;
             faces.materials.extend(mesh.materials);
             warnings.extend(mesh.warnings);
             files.extend(mesh.files);
+            Ok::<_, BuildError>(())
+        };
+        for path in &args.inputs {
+            read(path, &[])?;
         }
+        for (path, poses) in &self.placed {
+            read(path, poses)?;
+        }
+        files.extend(self.placed.iter().map(|(path, _)| path.clone()));
         build_from(args, lattice, &self.layers, &faces, (warnings, files), progress)
     }
 
@@ -232,8 +261,9 @@ impl Ground {
             return Ok(pixel);
         }
         let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for path in &args.inputs {
-            mesh::stream(path, args.up, |faces| {
+        let meshes = args.inputs.iter().map(|path| (path, &[] as &[Pose]));
+        for (path, poses) in meshes.chain(self.placed.iter().map(|(path, poses)| (path, &poses[..]))) {
+            stream_posed(path, args.up, poses, |faces| {
                 for p in faces.iter().flat_map(|f| f.corners) {
                     (min, max) = (min.min(p), max.max(p));
                 }
@@ -242,6 +272,40 @@ impl Ground {
         }
         Ok((max - min).max_element() / DEFAULT_RESOLUTION)
     }
+}
+
+/// Faces of a placed model that are kept to be placed again; larger models are read once for each place.
+const KEPT_FACES: usize = 1 << 18;
+
+/// Reads a mesh face by face as [`mesh::stream`] does, once for each pose, or as it is if there is none.
+fn stream_posed(
+    path: &Path,
+    up: UpAxis,
+    poses: &[Pose],
+    mut each: impl FnMut(&[Face]) -> Result<(), BuildError>,
+) -> Result<Streamed, BuildError> {
+    let Some((first, others)) = poses.split_first() else {
+        return mesh::stream(path, up, each);
+    };
+    let mut kept = Some(Vec::new()).filter(|_| !others.is_empty());
+    let mut place =
+        |faces: &[Face], pose: &Pose| each(&faces.iter().map(|f| pose.face(f)).collect::<Vec<_>>());
+    let streamed = mesh::stream(path, up, |faces| {
+        if let Some(all) = &mut kept {
+            all.extend_from_slice(faces);
+        }
+        kept.take_if(|all| all.len() > KEPT_FACES);
+        place(faces, first)
+    })?;
+    for pose in others {
+        match &kept {
+            Some(faces) => place(faces, pose)?,
+            None => {
+                mesh::stream(path, up, |faces| place(faces, pose))?;
+            }
+        }
+    }
+    Ok(streamed)
 }
 
 /// Builds from height maps and binned faces; what was missing in the meshes and which further files were read comes with them.
@@ -268,6 +332,7 @@ fn build_from(
         } else {
             args.filter
         },
+        voxelise: args.voxelise,
     };
     let mut report = BuildReport {
         voxel: lattice.voxel,
@@ -338,8 +403,10 @@ fn manifest(args: &BuildArgs, lattice: &Lattice, materials: &[PathBuf]) -> Resul
         encoding: format!("{:?}", args.encoding),
         chunk_log2: args.chunk_log2,
         filter: args.filter.name(),
+        voxelise: (args.voxelise != Voxelise::default()).then(|| format!("{:?}", args.voxelise)),
     };
     let mut files: Vec<(&'static str, &Path)> = args.inputs.iter().map(|p| ("mesh", p.as_path())).collect();
+    files.extend(args.placements.iter().map(|p| ("placements", p.as_path())));
     files.extend(materials.iter().map(|p| ("material", p.as_path())));
     for height in &args.heights {
         files.push(("heights", &height.path));

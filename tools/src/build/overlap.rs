@@ -5,10 +5,25 @@
 //! other axes are walked row by row, the row's end taken from the edges. Cells are half-open: a triangle in the plane
 //! between two cells meets the upper one. Coordinates are taken relative to the triangle's own lowest cell, so that the
 //! result does not depend on who asks; a rounding band of some 1e-15 of the triangle's size counts as met.
+//!
+//! A thin surface takes an octahedron in the place of the cell, up to the middles of its faces: every line through the
+//! middles of cells along an axis that crosses the triangle does so in one that is met, and next to no others are (M. Schwarz
+//! and H.-P. Seidel 2010, "Fast parallel surface and solid voxelization on GPUs", §4.2).
 
+use clap::ValueEnum;
 use glam::DVec3;
 
 use super::lattice::CellBox;
+
+/// Which voxels a triangle of a mesh leaves something in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, ValueEnum)]
+pub enum Voxelise {
+    /// All that it meets, each by the part of it that is covered
+    #[default]
+    Conservative,
+    /// As few as hold a surface together along the axes, each as a whole
+    Thin,
+}
 
 /// `a·p + b·q + d ≥ 0` for the low corner (p, q) of every unit square that one edge, seen along an axis, does not separate.
 #[derive(Clone, Copy)]
@@ -26,17 +41,22 @@ impl Edge {
 }
 
 /// Edges seen along axis `r`, in the coordinates of the axes that follow it.
-fn edges(v: &[DVec3; 3], normal: DVec3, r: usize, extent: f64) -> [Edge; 3] {
+fn edges(v: &[DVec3; 3], normal: DVec3, r: usize, extent: f64, by: Voxelise) -> [Edge; 3] {
     let (p, q) = ((r + 1) % 3, (r + 2) % 3);
     let turn = if normal[r] >= 0.0 { 1.0 } else { -1.0 };
     std::array::from_fn(|k| {
         let (from, to) = (v[k], v[(k + 1) % 3]);
         let (a, b) = (-(to[q] - from[q]) * turn, (to[p] - from[p]) * turn);
         let band = 8.0 * f64::EPSILON * (a.abs() + b.abs()) * (1.0 + extent);
+        // From the low corner to the farthest point of what is tested.
+        let reach = match by {
+            Voxelise::Conservative => a.max(0.0) + b.max(0.0),
+            Voxelise::Thin => 0.5 * (a + b + a.abs().max(b.abs())),
+        };
         Edge {
             a,
             b,
-            d: a.max(0.0) + b.max(0.0) - (a * from[p] + b * from[q]) + band,
+            d: reach - (a * from[p] + b * from[q]) + band,
         }
     })
 }
@@ -63,7 +83,12 @@ fn row(edges: &[Edge; 3], p: f64, lo: f64, hi: f64) -> (f64, f64) {
 }
 
 /// Calls with every cell of the box that the triangle (cell coordinates) meets. Triangles without area meet none.
-pub(crate) fn for_each_cell(triangle: &[DVec3; 3], clip: &CellBox, mut visit: impl FnMut([i64; 3])) {
+pub(crate) fn for_each_cell(
+    triangle: &[DVec3; 3],
+    clip: &CellBox,
+    by: Voxelise,
+    mut visit: impl FnMut([i64; 3]),
+) {
     let [t0, t1, t2] = *triangle;
     let base = t0.min(t1).min(t2).floor();
     let v = triangle.map(|p| p - base);
@@ -84,13 +109,20 @@ pub(crate) fn for_each_cell(triangle: &[DVec3; 3], clip: &CellBox, mut visit: im
     let lo: [f64; 3] = std::array::from_fn(|k| (clip.lo[k] as f64 - base[k]).max(0.0));
     let hi: [f64; 3] = std::array::from_fn(|k| ((clip.hi[k] - 1) as f64 - base[k]).min(top[k].floor()));
     let extent = top.max_element();
-    let [facing, along_a, along_b] = [c, a, b].map(|r| edges(&v, normal, r, extent));
+    let [facing, along_a, along_b] = [c, a, b].map(|r| edges(&v, normal, r, extent, by));
     let slope = [-normal[a] / normal[c], -normal[b] / normal[c]];
     let band = 8.0 * f64::EPSILON * (1.0 + extent);
-    let (below, above) = (
-        slope[0].min(0.0) + slope[1].min(0.0) - band,
-        slope[0].max(0.0) + slope[1].max(0.0) + band,
-    );
+    // Where the plane lies over what is tested, from its height over the low corner.
+    let (below, above) = match by {
+        Voxelise::Conservative => (
+            slope[0].min(0.0) + slope[1].min(0.0) - band,
+            slope[0].max(0.0) + slope[1].max(0.0) + band,
+        ),
+        Voxelise::Thin => {
+            let middle = 0.5 * (slope[0] + slope[1]);
+            (middle - band, middle + band)
+        }
+    };
     let mut i = lo[a];
     while i <= hi[a] {
         let (mut j, end) = row(&facing, i, lo[b], hi[b]);
@@ -197,7 +229,9 @@ pub(super) mod tests {
 
     fn check_in(triangle: [DVec3; 3], clip: &CellBox) {
         let mut met = BTreeSet::new();
-        for_each_cell(&triangle, clip, |c| assert!(met.insert(c), "{c:?} twice"));
+        for_each_cell(&triangle, clip, Voxelise::Conservative, |c| {
+            assert!(met.insert(c), "{c:?} twice")
+        });
         for z in clip.lo[2]..clip.hi[2] {
             for y in clip.lo[1]..clip.hi[1] {
                 for x in clip.lo[0]..clip.hi[0] {
@@ -205,6 +239,46 @@ pub(super) mod tests {
                     let found = met.contains(&[x, y, z]);
                     assert!(gap > -1e-7 || found, "missing {x} {y} {z}, gap {gap}");
                     assert!(gap < 1e-7 || !found, "extra {x} {y} {z}, gap {gap}");
+                }
+            }
+        }
+    }
+
+    /// A thin surface is met along every axis by the cells in which lines through their middles cross it, and by no cell that
+    /// the whole one is not.
+    fn check_thin(triangle: [DVec3; 3]) {
+        let lo = triangle.iter().fold(triangle[0], |m, p| m.min(*p)).floor() - 2.0;
+        let hi = triangle.iter().fold(triangle[0], |m, p| m.max(*p)).ceil() + 2.0;
+        let clip = CellBox {
+            lo: lo.to_array().map(|v| v as i64),
+            hi: hi.to_array().map(|v| v as i64),
+        };
+        let met = |by| {
+            let mut met = BTreeSet::new();
+            for_each_cell(&triangle, &clip, by, |c| assert!(met.insert(c), "{c:?} twice"));
+            met
+        };
+        let (thin, whole) = (met(Voxelise::Thin), met(Voxelise::Conservative));
+        assert!(thin.is_subset(&whole));
+        let [a, b, c] = triangle;
+        let normal = (b - a).cross(c - a);
+        for axis in 0..3 {
+            let (p, q) = ((axis + 1) % 3, (axis + 2) % 3);
+            if normal[axis].abs() < 1e-6 * normal.length() {
+                continue;
+            }
+            for j in clip.lo[p]..clip.hi[p] {
+                for k in clip.lo[q]..clip.hi[q] {
+                    let mut at = DVec3::ZERO;
+                    (at[p], at[q]) = (j as f64 + 0.5, k as f64 + 0.5);
+                    let inside = |u: DVec3, v: DVec3| (v - u).cross(at - u)[axis] * normal[axis].signum();
+                    let least = inside(a, b).min(inside(b, c)).min(inside(c, a));
+                    at[axis] = a[axis] - ((at - a)[p] * normal[p] + (at - a)[q] * normal[q]) / normal[axis];
+                    let cell = at.floor().to_array().map(|v| v as i64);
+                    let off = (at[axis] - at[axis].round()).abs();
+                    if least > 1e-6 && off > 1e-6 {
+                        assert!(thin.contains(&cell), "missing {cell:?} along {axis}");
+                    }
                 }
             }
         }
@@ -222,6 +296,12 @@ pub(super) mod tests {
         #[test]
         fn cells_are_those_of_the_brute_force_test(a in point(9.0), b in point(9.0), c in point(9.0)) {
             check([a, b, c]);
+        }
+
+        #[test]
+        fn thin_surfaces_hold_together(a in point(9.0), b in point(9.0), c in point(9.0)) {
+            prop_assume!((b - a).cross(c - a).length() > 1e-3);
+            check_thin([a, b, c]);
         }
 
         #[test]
@@ -271,7 +351,7 @@ pub(super) mod tests {
             hi: [9; 3],
         };
         let mut heights = BTreeSet::new();
-        for_each_cell(&flat, &clip, |c| {
+        for_each_cell(&flat, &clip, Voxelise::Conservative, |c| {
             heights.insert(c[2]);
         });
         assert_eq!(heights.into_iter().collect::<Vec<_>>(), [3]);

@@ -130,6 +130,7 @@ impl Tile {
             bottom: &|column| terrain.plan.bottom(column),
             materials: &terrain.faces.materials,
             faces: &faces,
+            by: terrain.voxelise,
             covers: terrain.filter.covers(),
         });
         drop(faces);

@@ -24,6 +24,7 @@ use super::groups::GroupPlace;
 use super::lattice::{CellBox, Lattice, TreePlace};
 use super::manifest::{PARTIAL, TREES, remove_tree};
 use super::nodes::{LevelNodes, State, level_nodes, octree};
+use super::overlap::Voxelise;
 use super::plan::Plan;
 use super::spill::Reader;
 use super::texels::TexelLevel;
@@ -42,6 +43,7 @@ pub(crate) struct Terrain<'a> {
     pub(crate) encoding: Encoding,
     pub(crate) chunk_log2: u8,
     pub(crate) filter: Filter,
+    pub(crate) voxelise: Voxelise,
 }
 
 impl Terrain<'_> {

@@ -27,6 +27,9 @@ pub struct Args {
     /// Meshes that the --scene was built from
     #[arg(long, value_name = "OBJ", num_args = 1.., requires = "scene")]
     pub input: Vec<PathBuf>,
+    /// Lists of models and where they stand that it was built from
+    #[arg(long = "place", value_name = "FILE")]
+    pub placements: Vec<PathBuf>,
     /// Height maps that it was built from, with their imagery.
     #[command(flatten)]
     pub layers: Layers,
@@ -43,6 +46,7 @@ impl Args {
     fn own(&self) -> Result<Option<OwnScene>, CommandError> {
         let input = InputArgs {
             meshes: self.input.clone(),
+            placements: self.placements.clone(),
             layers: self.layers.clone(),
             up: self.up,
             height_unit: self.height_unit,

@@ -11,7 +11,7 @@ use indicatif::HumanCount;
 use super::CommandError;
 use super::database::{folder_bytes, print};
 use super::input_args::InputArgs;
-use crate::build::{BuildArgs, BuildError, DEFAULT_TREE_VOXELS, Filter, IndicatifProgress, build};
+use crate::build::{BuildArgs, BuildError, DEFAULT_TREE_VOXELS, Filter, IndicatifProgress, Voxelise, build};
 
 /// Arguments of `build`.
 #[derive(Debug, clap::Args)]
@@ -43,6 +43,9 @@ pub struct Args {
     /// How coarser levels are made of finer ones, as far as the opacity of open surfaces goes
     #[arg(long, value_enum, default_value_t)]
     pub filter: Filter,
+    /// Which voxels a triangle of a mesh leaves something in
+    #[arg(long, value_enum, default_value_t)]
+    pub voxelise: Voxelise,
 }
 
 /// Where samples lie.
@@ -81,6 +84,7 @@ impl Args {
         let defaults = BuildArgs::new(&self.out);
         BuildArgs {
             inputs: self.input.meshes.clone(),
+            placements: self.input.placements.clone(),
             heights: self.input.layers.0.clone(),
             voxel: self.voxel,
             tree_voxels: self.tree,
@@ -92,6 +96,7 @@ impl Args {
                 Layout::Corner => SampleLayout::Corner,
             }),
             filter: self.filter,
+            voxelise: self.voxelise,
             force: self.force,
             threads: self.threads,
             memory: self.memory,

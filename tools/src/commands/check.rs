@@ -206,13 +206,14 @@ fn check_reference(store: &dyn Store, reference: &PagedOctTree, tree: &TreeRepor
     let name = &reference.tree_file;
     let [min, max] = corners;
     let octree = Bounds { min, max };
-    let drawn = reference.bounds.unwrap_or(octree);
+    let mut drawn = reference.bounds.unwrap_or(octree);
     if !holds(&octree, &drawn) {
         let what = format!(
             "file: TreeFile=\"{name}\": its box is {} to {}, the octree's only {min} to {max}",
             drawn.min, drawn.max
         );
         report.faults.push(located(store, SCENE_FILE, what));
+        drawn = octree;
     }
     let center = (drawn.min + drawn.max) * 0.5;
     let needed = reference.center.distance(center) + (drawn.max - drawn.min).length() * 0.5;

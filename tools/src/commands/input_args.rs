@@ -15,6 +15,9 @@ pub struct InputArgs {
     /// Meshes: OBJ files, with their MTL files and textures beside them
     #[arg(value_name = "INPUT")]
     pub meshes: Vec<PathBuf>,
+    /// List of models and where they stand, one a line: `model.obj, x, y, z or ground, heading, scale`; may be given several times
+    #[arg(long = "place", value_name = "FILE")]
+    pub placements: Vec<PathBuf>,
     /// Height maps with their imagery.
     #[command(flatten)]
     pub layers: Layers,
@@ -56,7 +59,7 @@ impl InputArgs {
 
     /// Whether no input was named.
     pub fn is_empty(&self) -> bool {
-        self.meshes.is_empty() && self.layers.0.is_empty()
+        self.meshes.is_empty() && self.placements.is_empty() && self.layers.0.is_empty()
     }
 
     /// Reads the files.
@@ -70,7 +73,14 @@ impl InputArgs {
             ..HeightOptions::default()
         };
         let cache = RasterCache::new(RasterCache::DEFAULT_BUDGET, std::env::temp_dir());
-        Inputs::load(&self.meshes, &self.layers.0, self.up(), options, &cache)
+        Inputs::load(
+            &self.meshes,
+            &self.placements,
+            &self.layers.0,
+            self.up(),
+            options,
+            &cache,
+        )
     }
 }
 

@@ -6,8 +6,9 @@ use std::sync::Arc;
 use super::block_cache::RasterCache;
 use super::error::InputError;
 use super::heights::HeightOptions;
-use super::layer::{Layer, load_layers};
+use super::layer::{Layer, highest_ground, load_layers};
 use super::mesh::{Mesh, UpAxis};
+use super::placements;
 
 /// A height map, with the picture that lies over it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -28,24 +29,40 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Reads meshes (OBJ) and height maps, these as far as `cache` has room for them and else in parts when they are
+    /// Reads meshes (OBJ), lists of placements and height maps, these as far as `cache` has room for them and else in parts when they are
     /// asked for.
     ///
     /// # Errors
     /// The first file that cannot be used.
     pub fn load(
         meshes: &[PathBuf],
+        placements: &[PathBuf],
         heights: &[HeightInput],
         up: UpAxis,
         options: HeightOptions,
         cache: &Arc<RasterCache>,
     ) -> Result<Self, InputError> {
+        let layers = load_layers(heights, options, cache)?;
+        let mut loaded = Vec::new();
+        for path in meshes {
+            loaded.push(Mesh::load(path, up)?);
+        }
+        for list in placements {
+            for model in placements::read(list)? {
+                let mesh = Mesh::load(&model.path, up)?;
+                let first = loaded.len();
+                for placement in &model.placements {
+                    let pose = placement.pose(list, |x, y| highest_ground(&layers, x, y))?;
+                    loaded.push(mesh.posed(&pose));
+                }
+                if let Some(first) = loaded.get_mut(first) {
+                    first.warnings = mesh.warnings;
+                }
+            }
+        }
         Ok(Self {
-            layers: load_layers(heights, options, cache)?,
-            meshes: meshes
-                .iter()
-                .map(|path| Mesh::load(path, up))
-                .collect::<Result<_, _>>()?,
+            layers,
+            meshes: loaded,
         })
     }
 

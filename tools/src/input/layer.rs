@@ -70,6 +70,17 @@ impl LayerView<'_> {
     }
 }
 
+/// The highest ground of several layers at world metres `(x, y)`, if there is any.
+///
+/// # Errors
+/// If a part of a file cannot be read.
+pub(crate) fn highest_ground(layers: &[Layer], x: f64, y: f64) -> Result<Option<f64>, InputError> {
+    layers.iter().try_fold(None, |highest: Option<f64>, layer| {
+        let here = layer.map.height_at(x, y)?;
+        Ok(highest.into_iter().chain(here).reduce(f64::max))
+    })
+}
+
 /// Reads height maps with their pictures and puts them together in one frame.
 ///
 /// Where only one of a pair of files has a georeference it serves both: an image without one covers exactly the height

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use super::error::InputError;
 use super::look::Corners;
 use super::obj::{self, Corner, ObjFile, ObjTriangle};
+use super::placements::Pose;
 use super::surfaces::{Used, load_materials, read_libraries, resolve};
 use super::texture::Texture;
 
@@ -130,6 +131,19 @@ impl Mesh {
     #[inline]
     pub fn corners(&self, triangle: &Triangle) -> [DVec3; 3] {
         triangle.v.map(|i| self.positions[i as usize])
+    }
+
+    /// The mesh put somewhere else; what was missing in its files is said by this one alone.
+    pub fn posed(&self, pose: &Pose) -> Mesh {
+        let direction = |n: &Vec3| pose.direction(n.as_dvec3()).as_vec3();
+        Mesh {
+            positions: self.positions.iter().map(|p| pose.position(*p)).collect(),
+            colors: self.colors.clone(),
+            normals: self.normals.iter().map(direction).collect(),
+            triangles: self.triangles.clone(),
+            materials: self.materials.clone(),
+            warnings: Vec::new(),
+        }
     }
 
     /// The box around all vertices that triangles use: least and greatest coordinates, world metres.

@@ -2,7 +2,7 @@
 //!
 //! - [`heights`] and [`imagery`]: height maps and the pictures laid over them, placed by [`georef`], of any size, read
 //!   through a [`RasterCache`];
-//! - [`mesh`]: OBJ models with materials and [`texture`]s;
+//! - [`mesh`]: OBJ models with materials and [`texture`]s, and [`placements`] of them;
 //! - [`Inputs`]: all of them together; [`Layer`] and [`Look`] say what they show at a place;
 //! - [`demo`]: a terrain made from a seed, written as the files a user would bring.
 //!
@@ -34,6 +34,7 @@ pub mod mesh;
 mod obj;
 mod pam;
 mod place;
+pub mod placements;
 mod png_rows;
 mod ranges;
 #[cfg(test)]
@@ -55,8 +56,8 @@ pub use georef::{GeoTransform, Georef};
 pub use heights::{HeightMap, HeightOptions, HeightUnit, TerrainRgb};
 pub use image_file::Raster;
 pub use imagery::{Imagery, ramp_color};
-pub(crate) use layer::LayerView;
 pub use layer::{Layer, load_layers};
+pub(crate) use layer::{LayerView, highest_ground};
 pub use look::{Corners, Look};
 pub(crate) use mapping::Columns;
 pub use mesh::{Face, Material, Mesh, Placing, Streamed, Triangle, UpAxis};

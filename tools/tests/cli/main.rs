@@ -17,3 +17,4 @@ mod fly;
 mod info;
 mod inputs;
 mod rasters;
+mod resume;

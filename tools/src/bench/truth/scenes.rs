@@ -137,6 +137,7 @@ impl Scene {
         let cache = RasterCache::new(RasterCache::DEFAULT_BUDGET, std::env::temp_dir());
         let inputs = Inputs::load(
             &input.meshes,
+            &[],
             &[input.layer()],
             input.up,
             HeightOptions::default(),

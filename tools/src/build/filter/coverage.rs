@@ -21,6 +21,9 @@ use crate::build::sample::{SKIN_MAX, Sample};
 pub(crate) struct Cover(pub(crate) [u64; 3]);
 
 impl Cover {
+    /// All of a voxel.
+    pub(crate) const WHOLE: Self = Self([u64::MAX; 3]);
+
     /// What two of them cover together.
     pub(crate) fn with(self, other: Self) -> Self {
         Self(std::array::from_fn(|axis| self.0[axis] | other.0[axis]))

@@ -335,3 +335,73 @@ fn bad_arguments_and_inputs_are_one_line_and_write_nothing() {
         assert!(!args.out.exists(), "{message}");
     }
 }
+
+#[test]
+fn placed_models_are_as_if_written_where_they_stand() {
+    let folder = tempfile::tempdir().unwrap();
+    let hut = |scale: f64, x: f64, y: f64, z: f64| {
+        let corners = [[0.0, 0.0, 0.0], [4.0, 0.0, 1.0], [4.0, 3.0, 2.5], [0.0, 3.0, 0.5]];
+        let vertices =
+            corners.map(|[a, b, c]| format!("v {} {} {}\n", a * scale + x, b * scale + y, c * scale + z));
+        vertices.concat()
+    };
+    let faces = |first: usize| {
+        format!(
+            "f {first} {} {}\nf {first} {} {}\n",
+            first + 1,
+            first + 2,
+            first + 2,
+            first + 3
+        )
+    };
+    let write = |name: &str, text: String| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).unwrap();
+        path
+    };
+    let all = hut(1.0, 2.0, 3.0, 4.0) + &hut(2.0, 16.0, -8.0, 6.5) + &hut(1.0, 9.0, 9.0, 4.0);
+    let written = BuildArgs {
+        inputs: vec![write("all.obj", all + &faces(1) + &faces(5) + &faces(9))],
+        voxel: Some(0.25),
+        tree_voxels: 32,
+        ..BuildArgs::new(folder.path().join("written"))
+    };
+    write("hut.obj", hut(1.0, 0.0, 0.0, 0.0) + &faces(1));
+    let list = "hut.obj, 2, 3, 4\nhut.obj, 16, -8, 6.5, 0, 2\nhut.obj, 9, 9, 4, 0\n";
+    let placed = BuildArgs {
+        inputs: vec![],
+        placements: vec![write("list.csv", list.into())],
+        out: folder.path().join("placed"),
+        ..written.clone()
+    };
+    let reports = [&written, &placed].map(|args| build(args, &Silent).unwrap());
+    assert_eq!(reports[0], reports[1]);
+    let [a, b] = [&written, &placed].map(|args| {
+        let mut files = files(&args.out);
+        files.remove(Path::new("build.json"));
+        files
+    });
+    assert!(a == b && a.len() > 10);
+    // The list and the models in it are inputs like others.
+    write("hut.obj", hut(1.5, 0.0, 0.0, 0.0) + &faces(1));
+    assert!(matches!(build(&placed, &Silent), Err(BuildError::Exists(_))));
+}
+
+#[test]
+fn thin_surfaces_have_fewer_voxels_and_stay_opaque() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |voxelise, out| {
+        let args = BuildArgs {
+            voxelise,
+            ..args(folder.path(), out)
+        };
+        build(&args, &Silent).unwrap().surface_voxels
+    };
+    let (whole, thin) = (run(Voxelise::Conservative, "whole"), run(Voxelise::Thin, "thin"));
+    assert!(thin < whole * 8 / 10, "{thin} of {whole}");
+    let other = BuildArgs {
+        voxelise: Voxelise::Thin,
+        ..args(folder.path(), "whole")
+    };
+    assert!(matches!(build(&other, &Silent), Err(BuildError::Exists(_))));
+}
