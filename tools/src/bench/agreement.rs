@@ -18,7 +18,7 @@ use glam::DVec3;
 use serde_json::json;
 
 use super::scenes::{build_demo, demo_input};
-use super::{Row, Settings, caster, row};
+use super::{Row, Settings, caster, row, truth};
 use crate::commands::{CommandError, open_gpu};
 use crate::holes::count_holes;
 
@@ -49,8 +49,8 @@ fn differences(a: &Picture, b: &Picture) -> Vec<u8> {
 pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let demo = settings.folder.join("demo");
     build_demo(&demo_input(settings.folder)?, &demo, |_| {})?;
-    let look = |view, [eye, target]: [DVec3; 2]| {
-        Camera::look_at(eye, target, 60.0, WIDTH, HEIGHT).map(|camera| (view, camera))
+    let look = |view: &str, [eye, target]: [DVec3; 2]| {
+        Camera::look_at(eye, target, 60.0, WIDTH, HEIGHT).map(|camera| (view.to_string(), camera))
     };
     let overview = [DVec3::new(-40.0, -60.0, 120.0), DVec3::new(128.0, 128.0, 20.0)];
     let village = [DVec3::new(60.0, 40.0, 40.0), DVec3::new(128.0, 140.0, 20.0)];
@@ -62,15 +62,15 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     ];
     let mut rows = of_scene("demo", &demo, views)?;
     let hills = caster::scene(settings)?;
-    rows.extend(of_scene(caster::SCENE, &hills, caster::views()?.into())?);
+    let views = caster::views()?.map(|(view, camera)| (view.to_string(), camera));
+    rows.extend(of_scene(caster::SCENE, &hills, views.into())?);
+    for (scene, folder, cameras) in truth::cameras(settings)? {
+        rows.extend(of_scene(&scene, &folder, cameras)?);
+    }
     Ok(rows)
 }
 
-fn of_scene(
-    scene: &str,
-    folder: &Path,
-    views: Vec<(&'static str, Camera)>,
-) -> Result<Vec<Row>, CommandError> {
+fn of_scene(scene: &str, folder: &Path, views: Vec<(String, Camera)>) -> Result<Vec<Row>, CommandError> {
     let store: Arc<dyn Store> = Arc::new(FolderStore::open(folder)?);
     let terrain = Terrain::open(&store)?;
     let reference = Reference::open(Arc::clone(&store), &terrain.scene)?;

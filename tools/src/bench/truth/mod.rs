@@ -9,6 +9,7 @@ mod page;
 mod plot;
 mod scenes;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use brickfell_culler::Camera;
@@ -309,6 +310,27 @@ fn measure_scene(
         add(&name, &judge, &picture, &cost)?;
     }
     Ok(())
+}
+
+/// The scenes of the suite: name, database, and the cameras by name.
+///
+/// # Errors
+/// If a scene cannot be built.
+pub(super) fn cameras(
+    settings: &Settings<'_>,
+) -> Result<Vec<(String, PathBuf, Vec<(String, Camera)>)>, CommandError> {
+    let mut all = Vec::new();
+    for scene in scenes::scenes(settings)? {
+        let truth = Truth::new(
+            &scene.inputs.meshes,
+            &scene.inputs.layers,
+            &Bottom::Boxes(scene.boxes.clone()),
+        )?;
+        let views = scene.views(&truth, settings.quick)?;
+        let cameras = views.into_iter().map(|view| (view.name, view.camera)).collect();
+        all.push((scene.name, scene.folder, cameras));
+    }
+    Ok(all)
 }
 
 /// Suite `truth`.
