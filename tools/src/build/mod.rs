@@ -18,7 +18,9 @@
 
 mod bins;
 mod blocks;
+mod cells;
 mod error;
+mod faces;
 mod filter;
 mod finest;
 mod ground;
