@@ -6,6 +6,8 @@
 //! there is one plane of bytes per component, in columns from the top down, each byte as the difference to the one above it: bytes
 //! that can be read by eye, and the oracle of tests.
 
+use std::ops::Range;
+
 use glam::UVec3;
 
 use crate::error::FormatError;
@@ -146,6 +148,111 @@ impl Region {
     }
 }
 
+/// The samples of a chunk as a builder has them: in the box that covers its bricks, each once.
+pub struct ChunkBox {
+    mask: u64,
+    layout: SampleLayout,
+    region: Region,
+    grid: Grid,
+}
+
+impl ChunkBox {
+    /// The box of a mask of bricks (see [`Chunk::mask`]); nothing is in its samples.
+    pub fn new(mask: u64, layout: SampleLayout, layers: Layers) -> Self {
+        let region = Region::new(mask, layout);
+        let mut grid = Grid::new(region.size, layers == Layers::Axes);
+        region.for_each_place(mask, layout, |_, place| grid.announce(grid.index(place)));
+        Self {
+            mask,
+            layout,
+            region,
+            grid,
+        }
+    }
+
+    /// Which bricks there are.
+    pub fn mask(&self) -> u64 {
+        self.mask
+    }
+
+    /// The first brick of the box on each axis, in bricks from the chunk's corner. The first sample is that brick's first
+    /// one, apron included.
+    pub fn corner(&self) -> UVec3 {
+        self.region.lo
+    }
+
+    /// Samples per axis.
+    pub fn size(&self) -> UVec3 {
+        self.region.size
+    }
+
+    /// Sets a sample by its place in the box, x, y, z from the low corner; nothing happens if no brick has it. What has been set
+    /// may not be set again.
+    #[inline]
+    pub fn set(&mut self, [x, y, z]: [usize; 3], color: [u8; 4], normal: [i8; 4], opacity: [u8; 4]) {
+        let top = self.region.size.z as usize - 1;
+        self.grid
+            .put(self.grid.index([x, y, top - z]), color, normal, opacity);
+    }
+
+    /// Sets samples above each other that are alike; `z` of the lowest, and of what is above the highest.
+    #[inline]
+    pub fn set_run(
+        &mut self,
+        [x, y]: [usize; 2],
+        z: Range<usize>,
+        color: [u8; 4],
+        normal: [i8; 4],
+        opacity: [u8; 4],
+    ) {
+        let top = self.grid.index([x, y, self.region.size.z as usize - z.end]);
+        self.grid.put_run(top..top + z.len(), color, normal, opacity);
+    }
+
+    /// Codes the chunk.
+    pub fn encode(mut self, encoding: Encoding) -> Vec<u8> {
+        match encoding {
+            Encoding::Packed => pack::encode(&mut self.grid),
+            Encoding::Plain => {
+                let layers = if self.grid.axes() {
+                    Layers::Axes
+                } else {
+                    Layers::Plain
+                };
+                let n = self.region.samples();
+                let mut planes = vec![0u8; n * layers.planes()];
+                let [columns, height] = [self.region.size.x as usize, self.region.size.z as usize];
+                self.region.for_each_place(self.mask, self.layout, |_, place| {
+                    let (color, normal, opacity) = self.grid.get(self.grid.index(place));
+                    let [x, y, down] = place;
+                    let at = (y * columns + x) * height + down;
+                    let planes = planes.iter_mut().skip(at).step_by(n);
+                    planes
+                        .zip(components(color, normal, opacity))
+                        .for_each(|(plane, v)| *plane = v);
+                });
+                fold(&mut planes, height);
+                planes
+            }
+        }
+    }
+}
+
+/// The components of a sample in the order of planes.
+fn components([r, g, b, a]: [u8; 4], [nx, ny, nz, _]: [i8; 4], [x, y, z, _]: [u8; 4]) -> [u8; PLANES] {
+    [r, g, b, a, nx as u8, ny as u8, nz as u8, x, y, z]
+}
+
+/// Makes differences of columns, which are in turn from the top down.
+fn fold(planes: &mut [u8], height: usize) {
+    for column in planes.chunks_exact_mut(height) {
+        let mut above = 0u8;
+        for v in column {
+            (*v, above) = (v.wrapping_sub(above), *v);
+        }
+    }
+}
+
 /// Places of the bricks of a mask, in bricks from the chunk's corner, in Morton order.
 pub fn brick_positions(mask: u64) -> impl Iterator<Item = UVec3> {
     (0..64).filter(move |m| mask >> m & 1 == 1).map(morton::decode)
@@ -190,9 +297,8 @@ impl Chunk {
     }
 
     fn components(&self, sample: usize) -> [u8; PLANES] {
-        let ([r, g, b, a], [nx, ny, nz, _]) = (self.color[sample], self.normal[sample]);
-        let [x, y, z, _] = self.opacity.get(sample).copied().unwrap_or_default();
-        [r, g, b, a, nx as u8, ny as u8, nz as u8, x, y, z]
+        let opacity = self.opacity.get(sample).copied().unwrap_or_default();
+        components(self.color[sample], self.normal[sample], opacity)
     }
 
     /// Codes the chunk.
@@ -234,12 +340,7 @@ impl Chunk {
                 agree &= planes[plane * n + place] == v;
             }
         });
-        for column in planes.chunks_exact_mut(region.size.z as usize) {
-            let mut above = 0u8;
-            for v in column {
-                (*v, above) = (v.wrapping_sub(above), *v);
-            }
-        }
+        fold(&mut planes, region.size.z as usize);
         agree.then_some(planes)
     }
 

@@ -119,6 +119,7 @@ fn srgb_decode(s: f64) -> f64 {
 }
 
 /// Linear light (0..1) of an sRGB code.
+#[inline]
 pub fn srgb_to_linear(code: u8) -> f32 {
     TO_LINEAR[usize::from(code)] as f32
 }
@@ -129,6 +130,7 @@ pub fn srgb_to_linear_f64(code: u8) -> f64 {
 }
 
 /// The sRGB code nearest to a linear value; values outside 0..1 and NaN are clamped.
+#[inline]
 pub fn linear_to_srgb(x: f32) -> u8 {
     let x = if x > 0.0 { x.min(1.0) } else { 0.0 };
     let mut code = usize::from(GUESS[(x * 4096.0) as usize]);
@@ -154,6 +156,86 @@ impl Value {
         Stored {
             color: [r, g, b, a],
             normal: [n[0], n[1], n[2], 0],
+        }
+    }
+}
+
+/// A straight colour and a normal in steps of a byte.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Codes {
+    /// sRGB.
+    pub rgb: [u8; 3],
+    /// World axes, 127ths.
+    pub normal: [i8; 3],
+}
+
+/// What is stored of the codes of a colour, and of a normal, by alpha.
+static STORED: LazyLock<Vec<[[u8; 256]; 2]>> = LazyLock::new(|| {
+    let stored = |alpha: u8, code: u8| {
+        let codes = Codes {
+            rgb: [code; 3],
+            normal: [code.cast_signed(); 3],
+        };
+        Value {
+            rgb: codes.linear(),
+            alpha: f32::from(alpha) / 255.0,
+            normal: codes.direction(),
+        }
+        .store(BUILD_GAIN)
+    };
+    let tables = (0..=255).map(|alpha| {
+        let mut tables = [[0; 256]; 2];
+        for code in 0..=255 {
+            let Stored { color, normal } = stored(alpha, code);
+            tables[0][usize::from(code)] = color[0];
+            tables[1][usize::from(code)] = normal[0].cast_unsigned();
+        }
+        tables
+    });
+    tables.collect()
+});
+
+/// The nearest whole number of a small one, halves away from zero; what the instruction set at large lacks.
+#[inline]
+fn round(x: f32) -> i32 {
+    let whole = x as i32;
+    let rest = x - whole as f32;
+    whole + i32::from(rest >= 0.5) - i32::from(rest <= -0.5)
+}
+
+impl Codes {
+    /// The nearest to a colour (linear light) and a normal (length ≤ 1).
+    #[inline]
+    pub fn new(rgb: [f32; 3], normal: [f32; 3]) -> Self {
+        Self {
+            rgb: rgb.map(linear_to_srgb),
+            normal: normal.map(|c| round(c * 127.0) as i8),
+        }
+    }
+
+    /// The colour in linear light.
+    #[inline]
+    pub fn linear(&self) -> [f32; 3] {
+        self.rgb.map(srgb_to_linear)
+    }
+
+    /// The normal.
+    #[inline]
+    pub fn direction(&self) -> [f32; 3] {
+        self.normal.map(|c| f32::from(c) / 127.0)
+    }
+
+    /// What is stored of it with an alpha under [`BUILD_GAIN`]: the same as [`Value::store`] gives, from tables.
+    #[inline]
+    pub fn store(&self, alpha: u8) -> Stored {
+        let [colors, normals] = &STORED[usize::from(alpha)];
+        let [r, g, b] = self.rgb.map(|c| colors[usize::from(c)]);
+        let [x, y, z] = self
+            .normal
+            .map(|c| normals[usize::from(c.cast_unsigned())].cast_signed());
+        Stored {
+            color: [r, g, b, alpha],
+            normal: [x, y, z, 0],
         }
     }
 }
@@ -216,6 +298,27 @@ mod tests {
     fn solid_alpha_is_opaque_after_rounding_errors_of_a_texture_unit() {
         let lowest = (f32::from(SOLID_ALPHA) - 1.8) / 255.0 * f32::from(BUILD_GAIN);
         assert!(lowest >= 1.0);
+    }
+
+    #[test]
+    fn codes_are_stored_as_values_are() {
+        for k in 0..200_000u32 {
+            let bits = |shift: u32| (k.wrapping_mul(0x9e37_79b9) >> shift) as u8;
+            let codes = Codes {
+                rgb: [bits(0), bits(8), bits(16)],
+                normal: [bits(3), bits(11), bits(19)].map(|b| (b / 2) as i8 - 63),
+            };
+            assert_eq!(Codes::new(codes.linear(), codes.direction()), codes);
+            let value = Value {
+                rgb: codes.linear(),
+                alpha: f32::from(bits(24)) / 255.0,
+                normal: codes.direction(),
+            };
+            assert_eq!(codes.store(bits(24)), value.store(BUILD_GAIN));
+        }
+        let x = (0..=2000).map(|k| (k as f32 - 1000.0) / 8.0);
+        assert!(x.into_iter().all(|x| round(x) == x.round() as i32));
+        assert_eq!([0.499_999_97, -0.499_999_97].map(round), [0, 0]);
     }
 
     #[test]

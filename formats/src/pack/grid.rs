@@ -1,5 +1,7 @@
 //! The samples of a chunk in the box that covers its bricks, with room around it so that neighbours need no checks.
 
+use std::ops::Range;
+
 use glam::UVec3;
 
 use super::tables::{self, Look, flip};
@@ -54,12 +56,13 @@ impl Grid {
     }
 
     /// Index of the sample at x, y and so many samples below the top.
+    #[inline]
     pub(crate) fn index(&self, [x, y, down]: [usize; 3]) -> usize {
         (x + PAD[0]) * self.step[0] + (y + PAD[1]) * self.step[1] + down + PAD[2]
     }
 
     /// The indices of each column, from the top down.
-    pub(super) fn columns(&self) -> impl Iterator<Item = std::ops::Range<usize>> + use<> {
+    pub(super) fn columns(&self) -> impl Iterator<Item = Range<usize>> + use<> {
         let first = self.index([0; 3]);
         let ([sx, sy, sz], [dx, dy, _]) = (self.size, self.step);
         (0..sy)
@@ -74,21 +77,57 @@ impl Grid {
 
     /// Sets a sample of a brick; false if another brick has it otherwise.
     pub(crate) fn set(&mut self, at: usize, color: [u8; 4], normal: [i8; 4], opacity: [u8; 4]) -> bool {
-        let ([r, g, b, a], [x, y, z]) = (color, [0, 1, 2].map(|k| flip(normal[k] as u8)));
-        let ([ox, oy, oz, _], stored) = (opacity, [r, g, b, x, y, z]);
         if self.present[at] {
-            return (self.alpha[at], self.opacity[at], self.stored[at]) == (a, [ox, oy, oz], stored);
+            let (own_color, [x, y, z, _], [ox, oy, oz, _]) = self.get(at);
+            return own_color == color && [x, y, z] == normal[..3] && [ox, oy, oz] == opacity[..3];
         }
         self.present[at] = true;
+        self.put(at, color, normal, opacity);
+        true
+    }
+
+    /// Sets a sample that has been announced; nothing happens to one that has not.
+    #[inline]
+    pub(crate) fn put(&mut self, at: usize, color: [u8; 4], normal: [i8; 4], opacity: [u8; 4]) {
+        if !self.present[at] {
+            return;
+        }
+        let ([r, g, b, a], [x, y, z]) = (color, [0, 1, 2].map(|k| flip(normal[k] as u8)));
+        let [ox, oy, oz, _] = opacity;
         self.alpha[at] = a;
         self.opacity[at] = [ox, oy, oz];
-        self.stored[at] = stored;
+        self.stored[at] = [r, g, b, x, y, z];
         self.class[at] = match a {
             0 if opacity == [0; 4] && color == [0; 4] && normal == [0; 4] => EMPTY,
             SOLID_ALPHA if !self.axes || self.opacity[at] == [SOLID_ALPHA; 3] => SOLID,
             _ => PARTIAL,
         };
-        true
+    }
+
+    /// The same for samples below each other.
+    #[inline]
+    pub(crate) fn put_run(&mut self, run: Range<usize>, color: [u8; 4], normal: [i8; 4], opacity: [u8; 4]) {
+        if run.is_empty() {
+            return;
+        }
+        let first = run.start;
+        if !self.present[run.clone()].iter().all(|present| *present) {
+            run.for_each(|at| self.put(at, color, normal, opacity));
+            return;
+        }
+        self.put(first, color, normal, opacity);
+        let rest = first + 1..run.end;
+        let (alpha, opacity) = (self.alpha[first], self.opacity[first]);
+        let (stored, class) = (self.stored[first], self.class[first]);
+        self.alpha[rest.clone()].fill(alpha);
+        self.opacity[rest.clone()].fill(opacity);
+        self.stored[rest.clone()].fill(stored);
+        self.class[rest].fill(class);
+    }
+
+    /// Whether there are opacities against the axes.
+    pub(crate) fn axes(&self) -> bool {
+        self.axes
     }
 
     /// Colour, normal and opacities of a sample.

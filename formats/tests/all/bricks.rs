@@ -2,10 +2,10 @@
 
 use crate::common::{brick_file, chunk_of};
 use brickfell_formats::bricks::{self, BrickFileWriter, BrickIndex, HEADER_BYTES, brick_file_name};
-use brickfell_formats::chunk::{Chunk, Encoding, Layers, brick_positions};
+use brickfell_formats::chunk::{Chunk, ChunkBox, Encoding, Layers, brick_positions};
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::{FormatError, morton};
-use glam::UVec3;
+use glam::{USizeVec3, UVec3};
 use proptest::prelude::*;
 
 fn index(file: &[u8]) -> Result<BrickIndex, FormatError> {
@@ -33,6 +33,44 @@ proptest! {
         for cut in [0, 1, bytes.len() / 2, bytes.len() - 1] {
             prop_assert!(decode(&bytes[..cut], &chunk).is_err());
         }
+    }
+
+    /// Whether samples are set one by one or in runs, whatever is said of places that no brick has.
+    #[test]
+    fn a_box_is_coded_as_its_bricks_are(mut chunk in crate::common::chunk(2), encoding in crate::common::encoding(), axes in any::<bool>()) {
+        if axes {
+            crate::common::add_opacity(&mut chunk);
+        }
+        let new = || ChunkBox::new(chunk.mask, chunk.layout, chunk.layers());
+        let [mut single, mut runs] = [new(), new()];
+        let (size, corner, side) = (single.size().as_usizevec3(), single.corner(), chunk.layout.side() as usize);
+        let noise = ([9, 8, 7, 6], [5, 4, 3, 0], [2, 1, 6, 0]);
+        let mut samples = vec![noise; size.element_product()];
+        for (k, brick) in brick_positions(chunk.mask).enumerate() {
+            let first = (brick - corner).as_usizevec3() * 8;
+            for (n, color) in chunk.brick_color(k).iter().enumerate() {
+                let place = first + USizeVec3::new(n % side, n / side % side, n / side / side);
+                let opacity = chunk.brick_opacity(k).map_or([0; 4], |o| o[n]);
+                samples[(place.y * size.x + place.x) * size.z + place.z] = (*color, chunk.brick_normal(k)[n], opacity);
+            }
+        }
+        for (k, column) in samples.chunks(size.z).enumerate() {
+            let at = [k % size.x, k / size.x];
+            let mut z = 0;
+            for run in column.chunk_by(|a, b| a == b) {
+                let (color, normal, opacity) = run[0];
+                runs.set_run(at, z..z + run.len(), color, normal, opacity);
+                for _ in run {
+                    if color != [0; 4] || normal != [0; 4] || opacity != [0; 4] {
+                        single.set([at[0], at[1], z], color, normal, opacity);
+                    }
+                    z += 1;
+                }
+            }
+        }
+        let expected = chunk.encode(encoding).unwrap();
+        prop_assert!(single.encode(encoding) == expected);
+        prop_assert!(runs.encode(encoding) == expected);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The triangles of all meshes, each beside the tiles that it may meet: a stream of faces is sorted into one bin per column of
 //! tiles, in memory as long as they fit, else in files of the scratch folder.
 //!
-//! A face is in every bin whose tiles, margin included, it may meet, whole and with all that its look needs. Faces of a bin are in
+//! A face is in every bin whose tiles, margin included, it may meet, whole and with all that its look needs ([`FaceWriter`]). Faces of a bin are in
 //! the order of the input whatever the number of threads, since what a cell gets of several faces depends on it. Filled from one
 //! thread; read from many.
 
@@ -10,27 +10,18 @@ use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::error::BuildError;
+use super::faces::{Binned, FaceReader, FaceWriter};
 use super::finest::triangle_cells;
 use super::lattice::{CellBox, Lattice};
 use super::manifest::{SCRATCH, is_free};
 use super::plan::{MAX_TREES, check, heights_inside};
-use super::spill::{Reader, Writer};
 use super::tile::{tile_side, tile_top};
 #[cfg(test)]
 use crate::input::Mesh;
-use crate::input::{Corners, Face, Material, Placing};
-
-/// A face in the order of the input.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Binned {
-    /// Its number through all meshes.
-    pub(crate) number: u64,
-    pub(crate) face: Face,
-}
+use crate::input::{Face, Material, Placing};
 
 /// Bytes of a spilled bin that are read at a time: far more than a face has.
 const PIECE: usize = 1 << 20;
@@ -64,13 +55,9 @@ pub(crate) struct Bins {
 /// What a part of the faces puts into bins and columns.
 #[derive(Default)]
 struct Sorted {
-    bins: BTreeMap<(i64, i64), Writer>,
+    bins: BTreeMap<(i64, i64), FaceWriter>,
     columns: BTreeMap<(i64, i64), Range>,
 }
-
-const COLORS: u8 = 1;
-const NORMALS: u8 = 2;
-const UV: u8 = 4;
 
 impl Bins {
     /// Without faces. `out` is the folder of the database, `limit` the bytes that may be held in memory.
@@ -138,8 +125,9 @@ impl Bins {
         self.faces += faces.len() as u64;
         for part in sorted {
             for (at, bytes) in part.bins {
-                self.held += bytes.0.len();
-                self.bins.entry(at).or_default().held.extend_from_slice(&bytes.0);
+                let bytes = bytes.into_bytes();
+                self.held += bytes.len();
+                self.bins.entry(at).or_default().held.extend(bytes);
             }
             for (at, range) in part.columns {
                 cover(&mut self.columns, at, range);
@@ -193,19 +181,16 @@ impl Bins {
             return Ok(Vec::new());
         };
         let mut near = Vec::new();
-        // Gives the bytes after the last whole face.
-        let mut collect = |bytes: &[u8]| {
-            let mut reader = Reader(bytes);
-            loop {
-                let rest = reader.0.len();
-                let Some(binned) = Binned::read(&mut reader) else {
-                    return rest;
-                };
+        let mut reader = FaceReader::default();
+        // Gives the number of bytes after the last whole face.
+        let mut collect = |mut bytes: &[u8]| {
+            while let Some(binned) = reader.get(&mut bytes) {
                 let corners = binned.face.corners.map(|p| self.lattice.cells_of(p));
                 if !triangle_cells(&corners).intersection(area).is_empty() {
                     near.push(binned);
                 }
             }
+            bytes.len()
         };
         if bin.spilled > 0 {
             let path = self.path(at);
@@ -259,7 +244,7 @@ impl Sorted {
                     };
                     match heights {
                         None => {}
-                        Some(_) if is_bin => binned.write(self.bins.entry((x, y)).or_default()),
+                        Some(_) if is_bin => self.bins.entry((x, y)).or_default().put(binned),
                         Some(range) => cover(&mut self.columns, (x, y), range),
                     }
                 }
@@ -282,53 +267,5 @@ fn too_many(lattice: &Lattice) -> BuildError {
         limit: MAX_TREES,
         voxel: lattice.voxel,
         tree: lattice.side(),
-    }
-}
-
-impl Binned {
-    fn write(&self, out: &mut Writer) {
-        let at = &self.face.at;
-        let has_uv = at.uv != [Vec2::ZERO; 3];
-        let flag = |set: bool, bit: u8| if set { bit } else { 0 };
-        out.put(&self.number);
-        out.put(&self.face.material);
-        out.put(
-            &(flag(at.colors.is_some(), COLORS) | flag(at.normals.is_some(), NORMALS) | flag(has_uv, UV)),
-        );
-        out.put(&self.face.corners.map(|c| c.to_array()));
-        if let Some(colors) = &at.colors {
-            out.put(colors);
-        }
-        if let Some(normals) = &at.normals {
-            out.put(&normals.map(|n| n.to_array()));
-        }
-        if has_uv {
-            out.put(&at.uv.map(|uv| uv.to_array()));
-        }
-    }
-
-    fn read(reader: &mut Reader) -> Option<Self> {
-        let number = reader.get()?;
-        let material = reader.get()?;
-        let flags = reader.get::<u8>()?;
-        let corners = reader.get::<[[f64; 3]; 3]>()?.map(DVec3::from_array);
-        let mut at = Corners::default();
-        if flags & COLORS != 0 {
-            at.colors = Some(reader.get()?);
-        }
-        if flags & NORMALS != 0 {
-            at.normals = Some(reader.get::<[[f32; 3]; 3]>()?.map(Vec3::from_array));
-        }
-        if flags & UV != 0 {
-            at.uv = reader.get::<[[f32; 2]; 3]>()?.map(Vec2::from_array);
-        }
-        Some(Self {
-            number,
-            face: Face {
-                corners,
-                at,
-                material,
-            },
-        })
     }
 }

@@ -1,23 +1,28 @@
 //! Sparse storage of one level: blocks of 8³ samples on the global lattice, in columns.
 //!
-//! A block is empty (absent), deep solid (no samples kept) or dense: whatever a level keeps of one. Columns keep the long run of solid under the ground
-//! as one range; a slot, where there is one, comes before the range.
+//! A block is empty (absent), deep solid (nothing kept) or mixed: whatever a level keeps of one, most of them [`Cells`]. Columns keep
+//! the long run of solid under the ground as one range; a slot, where there is one, comes before the range.
 
 use std::ops::Range;
 
+use super::cells::{Cell, Cells, NONE, in_block};
 use super::lattice::{CellBox, SIDE};
-
-/// Samples of a block.
-pub(crate) const BLOCK: usize = (SIDE * SIDE * SIDE) as usize;
-
-/// The samples of a dense block, x fastest.
-pub(crate) type Dense<T> = Box<[T; BLOCK]>;
 
 /// A stored block.
 #[derive(Debug)]
 pub(crate) enum Slot<B> {
     Solid,
-    Dense(B),
+    Mixed(B),
+}
+
+impl<T: Copy> Slot<Cells<T>> {
+    /// Its cells.
+    pub(crate) fn into_cells(self) -> Cells<T> {
+        match self {
+            Slot::Solid => Cells::new(NONE, [u64::MAX; SIDE as usize], Vec::new()),
+            Slot::Mixed(cells) => cells,
+        }
+    }
 }
 
 /// A block as it is found.
@@ -25,7 +30,7 @@ pub(crate) enum Slot<B> {
 pub(crate) enum Block<'a, B> {
     Empty,
     Solid,
-    Dense(&'a B),
+    Mixed(&'a B),
 }
 
 /// Blocks above one another.
@@ -53,7 +58,7 @@ impl<B> BlockColumn<B> {
         match self.slots.binary_search_by_key(&z, |s| s.0) {
             Ok(k) => match &self.slots[k].1 {
                 Slot::Solid => Block::Solid,
-                Slot::Dense(dense) => Block::Dense(dense),
+                Slot::Mixed(cells) => Block::Mixed(cells),
             },
             Err(_) if self.solid.contains(&z) => Block::Solid,
             Err(_) => Block::Empty,
@@ -121,14 +126,14 @@ impl<B> Blocks<B> {
     }
 }
 
-impl<T: Copy + Default> Blocks<Dense<T>> {
-    /// What a cell holds; `solid` is what solid blocks do.
-    pub(crate) fn at(&self, [x, y, z]: [i64; 3], solid: T) -> T {
+impl<T: Copy> Blocks<Cells<T>> {
+    /// What a cell is.
+    pub(crate) fn at(&self, [x, y, z]: [i64; 3]) -> Cell<T> {
         let column = self.column(x.div_euclid(SIDE), y.div_euclid(SIDE));
         match column.get(z.div_euclid(SIDE)) {
-            Block::Empty => T::default(),
-            Block::Solid => solid,
-            Block::Dense(cells) => cells[in_block(x, y, z)],
+            Block::Empty => Cell::Empty,
+            Block::Solid => Cell::Solid,
+            Block::Mixed(cells) => cells.get(in_block(x, y, z)),
         }
     }
 
@@ -145,17 +150,21 @@ impl<T: Copy + Default> Blocks<Dense<T>> {
         SIDE * blocks.start..SIDE * blocks.end
     }
 
-    /// Sets a cell in the box that is not in a block of deep solid.
-    pub(crate) fn put(&mut self, [x, y, z]: [i64; 3], value: T) {
+    /// Makes a cell in the box solid.
+    pub(crate) fn make_solid(&mut self, [x, y, z]: [i64; 3]) {
         let (i, j) = (x.div_euclid(SIDE) - self.lo[0], y.div_euclid(SIDE) - self.lo[1]);
-        let slots = &mut self.columns[(j * self.size[0] + i) as usize].slots;
+        let column = &mut self.columns[(j * self.size[0] + i) as usize];
         let block = z.div_euclid(SIDE);
-        let at = slots.binary_search_by_key(&block, |s| s.0).unwrap_or_else(|at| {
-            slots.insert(at, (block, Slot::Dense(new_dense())));
-            at
-        });
-        if let Slot::Dense(cells) = &mut slots[at].1 {
-            cells[in_block(x, y, z)] = value;
+        let at = match column.slots.binary_search_by_key(&block, |s| s.0) {
+            Ok(at) => at,
+            Err(_) if column.solid.contains(&block) => return,
+            Err(at) => {
+                column.slots.insert(at, (block, Slot::Mixed(Cells::nothing())));
+                at
+            }
+        };
+        if let Slot::Mixed(cells) = &mut column.slots[at].1 {
+            cells.make_solid(in_block(x, y, z));
         }
     }
 }
@@ -167,21 +176,6 @@ pub(crate) fn block_columns(extent: &CellBox) -> Vec<(i64, i64)> {
     (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))).collect()
 }
 
-/// A dense block of default samples, made in place.
-pub(crate) fn new_dense<T: Copy + Default>() -> Dense<T> {
-    match vec![T::default(); BLOCK].into_boxed_slice().try_into() {
-        Ok(dense) => dense,
-        Err(_) => Box::new([T::default(); BLOCK]),
-    }
-}
-
-/// Index in a block of a cell given by its place on the lattice.
-#[inline]
-pub(crate) fn in_block(x: i64, y: i64, z: i64) -> usize {
-    let m = SIDE - 1;
-    (((z & m) * SIDE + (y & m)) * SIDE + (x & m)) as usize
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -190,16 +184,15 @@ mod tests {
     fn slots_come_before_the_solid_range() {
         let column = BlockColumn {
             solid: -4..3,
-            slots: vec![(-1, Slot::Dense(new_dense::<u8>())), (5, Slot::Solid)],
+            slots: vec![(-1, Slot::Mixed(())), (5, Slot::Solid)],
         };
         let kinds: String = (-5..7)
             .map(|z| match column.get(z) {
                 Block::Empty => '.',
                 Block::Solid => 's',
-                Block::Dense(_) => 'd',
+                Block::Mixed(()) => 'm',
             })
             .collect();
-        assert_eq!(kinds, ".sssdsss..s.");
-        assert_eq!(in_block(-1, -8, 9), 7 + 64);
+        assert_eq!(kinds, ".sssmsss..s.");
     }
 }

@@ -4,8 +4,11 @@
 
 use rayon::prelude::*;
 
-use super::bins::Binned;
-use super::blocks::{BlockColumn, Blocks, Dense, Slot, in_block, new_dense};
+use super::blocks::{BlockColumn, Blocks, Slot};
+use super::cells::{
+    BLOCK, Cells, Mask, NONE, both, count, dense, each, either, in_block, mask_of, put, without,
+};
+use super::faces::Binned;
 use super::filter::{Cover, Level, thinned};
 use super::ground::{Ground, GroundGrid};
 use super::lattice::{CellBox, Lattice, Region, SIDE};
@@ -65,14 +68,23 @@ impl Met {
         })
     }
 
-    fn add(&mut self, cell: [i64; 3]) {
-        let one = CellBox {
-            lo: cell,
-            hi: cell.map(|c| c + 1),
+    /// Adds cells of a block.
+    fn add(&mut self, block: [i64; 3], cells: &Mask) {
+        let Some(first) = cells.iter().position(|layer| *layer != 0) else {
+            return;
         };
+        let last = cells.iter().rposition(|layer| *layer != 0).unwrap_or(first);
+        let plane = cells.iter().fold(0, |plane, layer| plane | layer);
+        let rows = [plane.trailing_zeros() / 8, 7 - plane.leading_zeros() / 8];
+        let row = plane.to_le_bytes().iter().fold(0, |row, byte| row | byte);
+        let columns = [row.trailing_zeros(), 7 - row.leading_zeros()];
+        let ends = [columns, rows, [first as u32, last as u32]];
         *self = self.with(&Met {
-            count: 1,
-            bounds: Some(one),
+            count: u64::from(count(cells)),
+            bounds: Some(CellBox {
+                lo: std::array::from_fn(|k| SIDE * block[k] + i64::from(ends[k][0])),
+                hi: std::array::from_fn(|k| SIDE * block[k] + i64::from(ends[k][1]) + 1),
+            }),
         });
     }
 
@@ -93,7 +105,7 @@ impl Met {
 }
 
 /// A column of blocks, and what their samples cover.
-type Column = (BlockColumn<Dense<Sample>>, BlockColumn<Dense<Cover>>);
+type Column = (BlockColumn<Cells<Sample>>, BlockColumn<Cells<Cover>>);
 
 /// Voxelises the finest level.
 pub(crate) fn voxelise(sources: &Sources) -> (Level, Met) {
@@ -204,12 +216,55 @@ impl Facets {
     }
 }
 
+/// What faces leave in a block: numbers of cells, plus one, and what is in them as they were met first.
+struct FacetBlock {
+    at: [i64; 3],
+    index: Box<[u16; BLOCK]>,
+    facets: Vec<Facets>,
+}
+
+impl FacetBlock {
+    #[inline]
+    fn cell(&mut self, place: usize) -> &mut Facets {
+        let number = &mut self.index[place];
+        if *number == 0 {
+            self.facets.push(Facets::default());
+            *number = self.facets.len() as u16;
+        }
+        &mut self.facets[usize::from(*number) - 1]
+    }
+
+    fn get(&self, place: usize) -> Option<&Facets> {
+        let number = usize::from(self.index[place]).checked_sub(1)?;
+        self.facets.get(number)
+    }
+
+    /// Cells for which something holds.
+    fn mask(&self, holds: impl Fn(&Facets) -> bool) -> Mask {
+        let mut mask = NONE;
+        for (place, number) in self.index.iter().enumerate().filter(|n| *n.1 > 0) {
+            if holds(&self.facets[usize::from(*number) - 1]) {
+                put(&mut mask, place);
+            }
+        }
+        mask
+    }
+
+    /// What they cover, if anything.
+    fn covers(&self) -> Option<Cells<Cover>> {
+        let held = self.mask(|f| f.cover != Cover::default());
+        let mut covers = Vec::with_capacity(count(&held) as usize);
+        each(&held, |place| covers.extend(self.get(place).map(|f| f.cover)));
+        (held != NONE).then(|| Cells::new(held, NONE, covers))
+    }
+}
+
 /// What faces leave in the blocks of a tile: blocks by their place, as they were met first.
 struct FacetBlocks {
     extent: CellBox,
     /// Number of a block, plus one; 0 where there is none.
     index: Vec<u32>,
-    blocks: Vec<([i64; 3], Dense<Facets>)>,
+    blocks: Vec<FacetBlock>,
 }
 
 impl FacetBlocks {
@@ -224,20 +279,24 @@ impl FacetBlocks {
 
     #[inline]
     fn at(&mut self, [x, y, z]: [i64; 3]) -> &mut Facets {
-        let block = [x.div_euclid(SIDE), y.div_euclid(SIDE), z.div_euclid(SIDE)];
+        let at = [x.div_euclid(SIDE), y.div_euclid(SIDE), z.div_euclid(SIDE)];
         let CellBox { lo, hi } = &self.extent;
-        let [i, j, k]: [i64; 3] = std::array::from_fn(|a| block[a] - lo[a]);
+        let [i, j, k]: [i64; 3] = std::array::from_fn(|a| at[a] - lo[a]);
         let slot = &mut self.index[((k * (hi[1] - lo[1]) + j) * (hi[0] - lo[0]) + i) as usize];
         if *slot == 0 {
-            self.blocks.push((block, new_dense()));
+            self.blocks.push(FacetBlock {
+                at,
+                index: dense(),
+                facets: Vec::new(),
+            });
             *slot = self.blocks.len() as u32;
         }
-        &mut self.blocks[*slot as usize - 1].1[in_block(x, y, z)]
+        self.blocks[*slot as usize - 1].cell(in_block(x, y, z))
     }
 
     /// Blocks sorted by x, y, z.
-    fn sorted(mut self) -> Vec<([i64; 3], Dense<Facets>)> {
-        self.blocks.sort_unstable_by_key(|b| b.0);
+    fn sorted(mut self) -> Vec<FacetBlock> {
+        self.blocks.sort_unstable_by_key(|b| b.at);
         self.blocks
     }
 }
@@ -272,33 +331,26 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, faces: &[u32]) -> (Vec<Colum
         .into_iter()
         .map(|(x, y)| {
             let column = GroundColumn::new(sources, x, y, tile);
-            let first = facets.partition_point(|(b, _)| [b[0], b[1]] < [x, y]);
-            let with_facets: Vec<_> = facets[first..]
-                .iter()
-                .take_while(|(b, _)| [b[0], b[1]] == [x, y])
-                .map(|(b, f)| (b[2], f))
-                .collect();
+            let first = facets.partition_point(|b| [b.at[0], b.at[1]] < [x, y]);
+            let count = facets[first..].partition_point(|b| [b.at[0], b.at[1]] == [x, y]);
+            let with_facets = &facets[first..first + count];
             let mut heights: Vec<i64> = column.dense.clone().collect();
-            heights.extend(with_facets.iter().map(|(z, _)| *z));
+            heights.extend(with_facets.iter().map(|b| b.at[2]));
             heights.sort_unstable();
             heights.dedup();
             let mut slots = Vec::with_capacity(heights.len());
             let mut covers = BlockColumn::default();
             for z in heights {
                 let facets = with_facets
-                    .binary_search_by_key(&z, |f| f.0)
+                    .binary_search_by_key(&z, |b| b.at[2])
                     .ok()
-                    .map(|k| &**with_facets[k].1);
-                if let Some(dense) = column.block([x, y, z], facets, sources.covers, &own, &mut met) {
-                    slots.push((z, Slot::Dense(dense)));
+                    .map(|k| &with_facets[k]);
+                if let Some((cells, surface)) = column.block(z, facets, sources.covers) {
+                    met.add([x, y, z], &both(&surface, &mask_of(&own, [x, y, z])));
+                    slots.push((z, Slot::Mixed(cells)));
                 }
                 if let (true, Some(facets)) = (sources.covers, facets) {
-                    let mut dense = new_dense::<Cover>();
-                    dense
-                        .iter_mut()
-                        .zip(facets)
-                        .for_each(|(cover, f)| *cover = f.cover);
-                    covers.slots.push((z, Slot::Dense(dense)));
+                    covers.slots.extend(facets.covers().map(|c| (z, Slot::Mixed(c))));
                 }
             }
             let samples = BlockColumn {
@@ -371,37 +423,35 @@ impl GroundColumn {
         }
     }
 
-    /// The samples of a block, `None` if nothing is in it. Own cells that a surface meets are counted.
-    fn block(
-        &self,
-        block: [i64; 3],
-        facets: Option<&[Facets; super::blocks::BLOCK]>,
-        covers: bool,
-        own: &CellBox,
-        met: &mut Met,
-    ) -> Option<Dense<Sample>> {
-        let mut dense = new_dense::<Sample>();
-        let mut any = false;
-        for k in 0..(SIDE * SIDE) as usize {
-            let (x, y) = (
-                block[0] * SIDE + k as i64 % SIDE,
-                block[1] * SIDE + k as i64 / SIDE,
-            );
-            for i in 0..SIDE {
-                let z = block[2] * SIDE + i;
-                let at = i as usize * 64 + k;
-                let facets = facets.map(|f| &f[at]).filter(|f| f.sum > 0.0);
-                let sample = self.sample(k, z, facets, covers);
-                if sample.weight > 0.0 && own.contains([x, y, z]) {
-                    met.add([x, y, z]);
-                }
-                any |= !sample.is_empty();
-                dense[at] = sample;
-            }
+    /// The samples of the block at a height, and which of them a surface meets; `None` if nothing is in it.
+    fn block(&self, block: i64, facets: Option<&FacetBlock>, covers: bool) -> Option<(Cells<Sample>, Mask)> {
+        let (mut surface, mut deep) = (NONE, NONE);
+        let low = SIDE * block;
+        let place = |z: i64| (z.max(self.bottom) - low).clamp(0, SIDE) as usize;
+        for (k, ground) in self.layers.iter().flat_map(|l| l.iter().enumerate()) {
+            let Some(ground) = ground else { continue };
+            let (first, end) = (place(ground.lowest), place(ground.highest + 1));
+            deep[place(self.bottom)..first]
+                .iter_mut()
+                .for_each(|layer| *layer |= 1 << k);
+            surface[first..end].iter_mut().for_each(|layer| *layer |= 1 << k);
         }
-        any.then_some(dense)
+        if let Some(facets) = facets {
+            surface = either(&surface, &facets.mask(|f| f.sum > 0.0));
+        }
+        let solid = without(&deep, &surface);
+        if surface == NONE && solid == NONE {
+            return None;
+        }
+        let mut samples = Vec::with_capacity(count(&surface) as usize);
+        each(&surface, |at| {
+            let facets = facets.and_then(|f| f.get(at)).filter(|f| f.sum > 0.0);
+            samples.push(self.sample(at % 64, low + at as i64 / 64, facets, covers));
+        });
+        Some((Cells::new(surface, solid, samples), surface))
     }
 
+    /// The sample of a cell that a surface meets: in column `k`, at a height.
     #[inline]
     fn sample(&self, k: usize, z: i64, facets: Option<&Facets>, covers: bool) -> Sample {
         let mut look = Look::default();
@@ -421,13 +471,6 @@ impl GroundColumn {
                 look.rgb[c] += ground.rgb[c];
                 look.normal[c] += ground.normal[c];
             }
-        }
-        if sum == 0.0 && facets.is_none() {
-            return if look.solid == 1.0 {
-                Sample::DEEP
-            } else {
-                Sample::default()
-            };
         }
         if let Some(f) = facets {
             look.skin = if covers { 0.0 } else { f.skin };

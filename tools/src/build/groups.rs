@@ -20,7 +20,8 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::EmptyTrees;
-use super::blocks::{Blocks, Dense};
+use super::blocks::Blocks;
+use super::cells::{Cell, Cells};
 use super::error::BuildError;
 use super::filter::{Level, Target};
 use super::finest::Met;
@@ -278,11 +279,15 @@ impl GroupPlace {
 
 /// Fills ground in an area, given in cells of the next coarser level, down to some of its voxels below the surface there and in
 /// the cells beside, which a cliff fills in part only.
-fn thicken(samples: &mut Blocks<Dense<Sample>>, hints: &Hints, area: &CellBox) {
+fn thicken(samples: &mut Blocks<Cells<Sample>>, hints: &Hints, area: &CellBox) {
     // Lowest and highest cell with solid, where there is ground.
-    let ground = |samples: &Blocks<Dense<Sample>>, x, y| {
+    let ground = |samples: &Blocks<Cells<Sample>>, x, y| {
         let heights = samples.heights(x, y);
-        let is_solid = |z: &i64| samples.at([x, y, *z], Sample::DEEP).is_partly_solid();
+        let is_solid = |z: &i64| match samples.at([x, y, *z]) {
+            Cell::Empty => false,
+            Cell::Solid => true,
+            Cell::Held(sample) => sample.is_partly_solid(),
+        };
         let is_ground = hints.at(x, y)[6] > 0.0;
         let lowest = heights.clone().find(is_solid).filter(|_| is_ground)?;
         Some((lowest, { heights }.rfind(is_solid)?))
@@ -302,7 +307,7 @@ fn thicken(samples: &mut Blocks<Dense<Sample>>, hints: &Hints, area: &CellBox) {
                 continue;
             };
             for z in bottom.min(2 * lowest.div_euclid(2))..lowest {
-                samples.put([x, y, z], Sample::DEEP);
+                samples.make_solid([x, y, z]);
             }
         }
     }

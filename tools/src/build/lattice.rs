@@ -147,11 +147,6 @@ impl CellBox {
         }
     }
 
-    /// Whether it has the cell.
-    pub(crate) fn contains(&self, cell: [i64; 3]) -> bool {
-        (0..3).all(|k| self.lo[k] <= cell[k] && cell[k] < self.hi[k])
-    }
-
     /// The cells that two boxes share; empty boxes have `lo >= hi` on some axis.
     pub(crate) fn intersection(&self, other: &CellBox) -> CellBox {
         CellBox {

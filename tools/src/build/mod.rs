@@ -18,8 +18,10 @@
 
 mod bins;
 mod blocks;
+mod cells;
 mod crop;
 mod error;
+mod faces;
 mod filter;
 mod finest;
 mod ground;

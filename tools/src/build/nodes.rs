@@ -15,7 +15,7 @@ use glam::UVec3;
 
 use super::ground::Hints;
 use super::lattice::{Lattice, Region, SIDE, TreePlace};
-use super::sample::{Look, Sample};
+use super::sample::stored_solid;
 use super::texels::{Likeness, TexelLevel};
 
 /// What is known about a node.
@@ -147,12 +147,7 @@ pub(crate) fn level_nodes(
             known.dedup();
             let low = i64::from(lattice.layout.low_apron());
             let hint = hints.mean([base[0] + low, base[1] + low], SIDE);
-            let color = Sample::new(&Look {
-                solid: 1.0,
-                ..Look::default()
-            })
-            .stored(hint)
-            .color;
+            let color = stored_solid(&hint).color;
             let states = known.into_iter().map(|z| {
                 let base = [base[0], base[1], base[2] + SIDE * i64::from(z)];
                 let own = match texels.likeness(base, n) {

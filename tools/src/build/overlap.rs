@@ -105,6 +105,14 @@ pub(crate) fn for_each_cell(
     if size[c] == 0.0 || !size[c].is_finite() {
         return;
     }
+    if top.floor() == DVec3::ZERO {
+        // All of it is in one cell.
+        let cell = base.to_array().map(|v| v as i64);
+        if (0..3).all(|k| clip.lo[k] <= cell[k] && cell[k] < clip.hi[k]) {
+            visit(cell);
+        }
+        return;
+    }
     let (a, b) = ((c + 1) % 3, (c + 2) % 3);
     let lo: [f64; 3] = std::array::from_fn(|k| (clip.lo[k] as f64 - base[k]).max(0.0));
     let hi: [f64; 3] = std::array::from_fn(|k| ((clip.hi[k] - 1) as f64 - base[k]).min(top[k].floor()));

@@ -7,12 +7,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use brickfell_formats::value::{
-    BUILD_GAIN, SOLID_ALPHA, Stored, Value, linear_to_srgb, opacity_level, opacity_of_level, srgb_to_linear,
-};
+use brickfell_formats::value::{Codes, SOLID_ALPHA, Stored, opacity_level, opacity_of_level};
 
 use super::ground::Hint;
-use super::texels::SurfaceLook;
 
 /// Full solid.
 pub(crate) const SOLID: u16 = u16::MAX;
@@ -120,35 +117,32 @@ impl Sample {
         self.weight > 0.0
     }
 
-    /// Colour (linear light) and normal of its surfaces.
-    fn look(&self) -> Hint {
-        Hint {
-            rgb: self.rgb.map(|c| f32::from(c) / 65535.0),
-            normal: self.normal.map(|c| f32::from(c) / NORMAL_ONE),
+    /// Colour and normal of its surfaces in steps of a byte.
+    pub(crate) fn codes(&self) -> Codes {
+        Codes::new(
+            self.rgb.map(|c| f32::from(c) / 65535.0),
+            self.normal.map(|c| f32::from(c) / NORMAL_ONE),
+        )
+    }
+
+    /// What is stored with a look, its own or, of solid that no surface gives one, that of the ground above.
+    pub(crate) fn stored(&self, look: &Codes) -> Stored {
+        match self.alpha(self.skin) {
+            0 => Stored::default(),
+            alpha => look.store(alpha),
         }
-    }
-
-    /// What is stored. `hint` is for solid that no surface gives colour and normal.
-    pub(crate) fn stored(&self, hint: Hint) -> Stored {
-        let look = if self.is_surface() { self.look() } else { hint };
-        let alpha = f32::from(self.alpha(self.skin)) / 255.0;
-        let Hint { rgb, normal } = in_bytes(&look);
-        Value { rgb, alpha, normal }.store(BUILD_GAIN)
-    }
-
-    /// Colour and normal of its surfaces in steps of a byte, for means.
-    pub(crate) fn surface_look(&self) -> SurfaceLook {
-        let Hint { rgb, normal } = in_bytes(&self.look());
-        let ([r, g, b], [x, y, z]) = (rgb, normal);
-        [r, g, b, x, y, z, 0.0, 0.0]
     }
 }
 
-/// A look as codes of a byte tell it: sRGB, and parts of the normal in 127ths.
-fn in_bytes(look: &Hint) -> Hint {
-    Hint {
-        rgb: look.rgb.map(|c| srgb_to_linear(linear_to_srgb(c))),
-        normal: look.normal.map(|c| f32::from((c * 127.0).round() as i8) / 127.0),
+/// What is stored of deep solid with a look.
+pub(crate) fn stored_solid(look: &Hint) -> Stored {
+    look.codes().store(SOLID_ALPHA)
+}
+
+impl Hint {
+    /// In steps of a byte.
+    pub(crate) fn codes(&self) -> Codes {
+        Codes::new(self.rgb, self.normal)
     }
 }
 
@@ -209,6 +203,15 @@ mod tests {
     use super::*;
     use brickfell_formats::value::{SKIN_ALPHA, decode_color};
 
+    fn stored(sample: &Sample, hint: Hint) -> Stored {
+        let look = if sample.is_surface() {
+            sample.codes()
+        } else {
+            hint.codes()
+        };
+        sample.stored(&look)
+    }
+
     fn mean(samples: &[Sample; 8]) -> Sample {
         let mut mean = Mean::default();
         samples.iter().for_each(|s| mean.add(s, 0.125));
@@ -222,7 +225,8 @@ mod tests {
             rgb: [0.5; 3],
             normal: [0.0, 0.0, 1.0],
         };
-        let deep = Sample::DEEP.stored(up);
+        let deep = stored(&Sample::DEEP, up);
+        assert_eq!(deep, stored_solid(&up));
         assert_eq!((deep.color[3], deep.normal), (SOLID_ALPHA, [0, 0, 127, 0]));
         let skin = Look {
             skin: 2.0,
@@ -231,7 +235,7 @@ mod tests {
             normal: [0.0, 0.0, 1.0],
             solid: 0.0,
         };
-        let texel = Sample::new(&skin).stored(Hint::default());
+        let texel = stored(&Sample::new(&skin), Hint::default());
         assert_eq!((texel.color[3], texel.normal), (SKIN_ALPHA, [0, 0, 127, 0]));
         let c = decode_color(texel.color);
         assert!((c[1] - 0.5).abs() < 0.01 && c[2] == 0.0);
@@ -247,10 +251,11 @@ mod tests {
         };
         let mixed = [Sample::new(&red), Sample::DEEP, Sample::DEEP, Sample::DEEP];
         let all = mean(&std::array::from_fn(|k| mixed[k % 4]));
-        let texel = all.stored(Hint {
+        let green = Hint {
             rgb: [0.0, 1.0, 0.0],
             ..Hint::default()
-        });
+        };
+        let texel = stored(&all, green);
         let c = decode_color(texel.color);
         assert!((c[0] / c[3] - 0.8).abs() < 0.01 && c[1] == 0.0, "{c:?}");
     }

@@ -1,13 +1,14 @@
 //! What one step of a build leaves for the next: blocks of samples as bytes.
 //!
-//! Blocks are written sparse, a mask and the samples that are not the default. Written and read by the same machine; what is
+//! Blocks are written as they are kept, masks and values. Written and read by the same machine; what is
 //! read is checked nevertheless, since a machine may have lost its power while it wrote.
 
 use std::collections::BTreeMap;
 
 use bytemuck::{AnyBitPattern, NoUninit, Pod};
 
-use super::blocks::{BLOCK, BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense};
+use super::blocks::{BlockColumn, Blocks, Slot, block_columns};
+use super::cells::{Cells, Draft, Mask, NONE, both, count};
 use super::lattice::{CellBox, SIDE};
 
 /// Bytes under construction.
@@ -46,6 +47,11 @@ impl<'a> Reader<'a> {
     /// Values, as many as were written.
     pub(crate) fn list<T: AnyBitPattern>(&mut self) -> Option<Vec<T>> {
         let count = usize::try_from(self.get::<u64>()?).ok()?;
+        self.values(count)
+    }
+
+    /// So many values.
+    fn values<T: AnyBitPattern>(&mut self, count: usize) -> Option<Vec<T>> {
         let bytes = self.take(count.checked_mul(size_of::<T>())?)?;
         Some(
             bytes
@@ -57,17 +63,12 @@ impl<'a> Reader<'a> {
 }
 
 const SOLID: u8 = 1;
-const DENSE: u8 = 2;
+const MIXED: u8 = 2;
 
 /// Writes the blocks that meet a box of cells.
-pub(crate) fn write_blocks<T: Pod + Default + PartialEq>(
-    blocks: &Blocks<Dense<T>>,
-    cells: &CellBox,
-    out: &mut Writer,
-) {
+pub(crate) fn write_blocks<T: Pod>(blocks: &Blocks<Cells<T>>, cells: &CellBox, out: &mut Writer) {
     let extent = cells.blocks();
     let heights = extent.lo[2]..extent.hi[2];
-    let mut values = Vec::with_capacity(BLOCK);
     for (x, y) in block_columns(&extent) {
         let column = blocks.column(x, y);
         let solid = column.solid.start.max(heights.start)..column.solid.end.min(heights.end);
@@ -79,16 +80,11 @@ pub(crate) fn write_blocks<T: Pod + Default + PartialEq>(
             out.put(z);
             match slot {
                 Slot::Solid => out.put(&SOLID),
-                Slot::Dense(dense) => {
-                    out.put(&DENSE);
-                    let mut mask = [0u64; BLOCK / 64];
-                    values.clear();
-                    for (k, value) in dense.iter().enumerate().filter(|(_, v)| **v != T::default()) {
-                        mask[k / 64] |= 1 << (k % 64);
-                        values.push(*value);
-                    }
-                    out.put(&mask);
-                    out.0.extend_from_slice(bytemuck::cast_slice(&values));
+                Slot::Mixed(cells) => {
+                    out.put(&MIXED);
+                    out.put(cells.held());
+                    out.put(cells.solid());
+                    out.0.extend_from_slice(bytemuck::cast_slice(cells.values()));
                 }
             }
         }
@@ -98,16 +94,14 @@ pub(crate) fn write_blocks<T: Pod + Default + PartialEq>(
 /// A column of blocks that is put together.
 struct Joined<T> {
     solid: std::ops::Range<i64>,
-    slots: BTreeMap<i64, Slot<Dense<T>>>,
+    slots: BTreeMap<i64, Slot<Cells<T>>>,
 }
 
 /// Blocks over an extent (cells), of what was written of boxes of cells that do not meet. Each counts for its own cells only.
-/// `deep` is what blocks of deep solid hold.
-pub(crate) fn read_blocks<T: Pod + Default + PartialEq>(
+pub(crate) fn read_blocks<T: Pod + Default>(
     extent: &CellBox,
     parts: &mut [(CellBox, Reader)],
-    deep: T,
-) -> Option<Blocks<Dense<T>>> {
+) -> Option<Blocks<Cells<T>>> {
     let extent = extent.blocks();
     let width = extent.hi[0] - extent.lo[0];
     let count = width * (extent.hi[1] - extent.lo[1]);
@@ -124,16 +118,16 @@ pub(crate) fn read_blocks<T: Pod + Default + PartialEq>(
             let mut column = place.map(|k| &mut columns[k]);
             let [start, end] = part.get::<[i64; 2]>()?;
             if let Some(column) = &mut column {
-                column.add_solid(start..end, cells, deep);
+                column.add_solid(start..end, cells);
             }
             for _ in 0..part.get::<u32>()? {
                 let z = part.get::<i64>()?;
                 let slot = match part.get::<u8>()? {
                     SOLID => Slot::Solid,
-                    _ => Slot::Dense(read_dense(part)?),
+                    _ => Slot::Mixed(read_cells(part)?),
                 };
                 if let Some(column) = &mut column {
-                    column.add(z, slot, cells, deep);
+                    column.add(z, slot, cells);
                 }
             }
         }
@@ -145,26 +139,21 @@ pub(crate) fn read_blocks<T: Pod + Default + PartialEq>(
     Some(Blocks::new(&extent, columns.collect()))
 }
 
-fn read_dense<T: Pod + Default>(part: &mut Reader) -> Option<Dense<T>> {
-    let mask = part.get::<[u64; BLOCK / 64]>()?;
-    let mut dense = new_dense::<T>();
-    for (k, value) in dense.iter_mut().enumerate() {
-        if mask[k / 64] >> (k % 64) & 1 == 1 {
-            *value = part.get()?;
-        }
-    }
-    Some(dense)
+fn read_cells<T: Pod>(part: &mut Reader) -> Option<Cells<T>> {
+    let [held, solid] = part.get::<[Mask; 2]>()?;
+    let values = part.values(count(&held) as usize)?;
+    (both(&held, &solid) == NONE).then(|| Cells::new(held, solid, values))
 }
 
 impl<T: Copy + Default> Joined<T> {
     /// Adds a run of deep solid, as far as its blocks are the box's own; the rest are slots.
-    fn add_solid(&mut self, run: std::ops::Range<i64>, own: &CellBox, deep: T) {
+    fn add_solid(&mut self, run: std::ops::Range<i64>, own: &CellBox) {
         let whole = run
             .start
             .max(own.lo[2].div_euclid(SIDE) + i64::from(own.lo[2] % SIDE != 0))
             ..run.end.min(own.hi[2].div_euclid(SIDE));
         for z in run.clone().filter(|z| !whole.contains(z)) {
-            self.add(z, Slot::Solid, own, deep);
+            self.add(z, Slot::Solid, own);
         }
         if whole.is_empty() {
             return;
@@ -181,23 +170,23 @@ impl<T: Copy + Default> Joined<T> {
     }
 
     /// Adds a block, as far as its cells lie in the box.
-    fn add(&mut self, z: i64, slot: Slot<Dense<T>>, own: &CellBox, deep: T) {
+    fn add(&mut self, z: i64, slot: Slot<Cells<T>>, own: &CellBox) {
         let cells = (SIDE * z).max(own.lo[2])..(SIDE * (z + 1)).min(own.hi[2]);
         if cells.end - cells.start == SIDE {
             self.slots.insert(z, slot);
             return;
         }
-        let mut dense = match self.slots.remove(&z) {
-            Some(Slot::Dense(dense)) => dense,
-            _ => new_dense(),
-        };
-        for z in cells {
-            let layer = in_block(0, 0, z)..in_block(0, 0, z) + (SIDE * SIDE) as usize;
-            match &slot {
-                Slot::Solid => dense[layer].fill(deep),
-                Slot::Dense(other) => dense[layer.clone()].copy_from_slice(&other[layer]),
-            }
+        let mut draft = Draft::default();
+        if let Some(before) = self.slots.remove(&z) {
+            draft.put_layers(0..SIDE as usize, &before.into_cells());
         }
-        self.slots.insert(z, Slot::Dense(dense));
+        if !cells.is_empty() {
+            let first = cells.start.rem_euclid(SIDE) as usize;
+            let layers = first..first + (cells.end - cells.start) as usize;
+            draft.put_layers(layers, &slot.into_cells());
+        }
+        if let Some(cells) = draft.take() {
+            self.slots.insert(z, Slot::Mixed(cells));
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3, Vec3};
 
-use super::bins::Binned;
+use super::faces::Binned;
 use super::filter::{Cover, Outlines};
 use super::overlap::closest_point;
 use crate::input::{Corners, Material, Placing};

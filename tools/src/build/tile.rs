@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use glam::UVec3;
 use rayon::prelude::*;
 
-use brickfell_formats::chunk::Chunk;
+use brickfell_formats::chunk::ChunkBox;
 use brickfell_formats::morton;
 
 use super::error::BuildError;
@@ -21,14 +21,14 @@ use super::ground::{GroundGrid, Hints};
 use super::lattice::{CellBox, Lattice, Region, TreePlace};
 use super::nodes::{LevelNodes, NodeColumn, State, level_nodes, node_cube};
 use super::spill::{Reader, Writer};
-use super::texels::{Cubes, TexelLevel};
+use super::texels::TexelLevel;
 use super::tree::Terrain;
 
 /// Most levels that tiles make.
 const LEVELS: u8 = 3;
 /// Finest cells of a tile per axis, unless the tree is smaller. Chunks of the coarsest level of a tile are half as large.
 const SIDE: i64 = 256;
-const MAGIC: [u8; 8] = *b"BRKFTIL\x01";
+const MAGIC: [u8; 8] = *b"BRKFTIL\x02";
 
 /// A tile of a tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -149,7 +149,7 @@ impl Tile {
             let at = lattice.depth - mip;
             let finer = levels.last().map(|l| &l.0);
             let nodes = level_nodes(lattice, self.tree, &self.region, at, &texels, &hints, finer);
-            let chunks = code_chunks(terrain, self.tree, at, &texels, &nodes.bricks())?;
+            let chunks = code_chunks(terrain, self.tree, at, &texels, &nodes.bricks());
             drop(texels);
             levels.push((nodes, chunks));
             // Of the samples that are left behind, only the tile's own are asked for.
@@ -282,48 +282,30 @@ impl TileFile {
 }
 
 /// Chunks of a level, given its bricks in Morton order.
-///
-/// # Errors
-/// If one cannot be coded.
 pub(crate) fn code_chunks(
     terrain: &Terrain,
     place: TreePlace,
     level: u8,
     texels: &TexelLevel,
     bricks: &[UVec3],
-) -> Result<Vec<CodedChunk>, BuildError> {
+) -> Vec<CodedChunk> {
     let lattice = &terrain.lattice;
     let chunk_of = |p: &UVec3| *p >> u32::from(terrain.chunk_log2);
     let groups: Vec<&[UVec3]> = bricks.chunk_by(|a, b| chunk_of(a) == chunk_of(b)).collect();
     let code = |bricks: &[UVec3]| {
         let within = (1u32 << terrain.chunk_log2) - 1;
-        let samples = bricks.len() * lattice.layout.samples();
-        let mut cubes = Cubes {
-            color: Vec::with_capacity(samples),
-            normal: Vec::with_capacity(samples),
-            opacity: Vec::new(),
-        };
-        let mut mask = 0;
-        for brick in bricks {
-            mask |= 1 << morton::encode(*brick & within);
-            let (base, side) = node_cube(lattice, place, level, *brick);
-            texels.gather(base, side, &mut cubes);
-        }
-        let chunk = Chunk {
+        let mask = bricks
+            .iter()
+            .fold(0, |mask, brick| mask | 1 << morton::encode(*brick & within));
+        let at = chunk_of(&bricks[0]);
+        let mut chunk = ChunkBox::new(mask, lattice.layout, terrain.layers());
+        let first = (at << u32::from(terrain.chunk_log2)) + chunk.corner();
+        texels.fill(node_cube(lattice, place, level, first).0, &mut chunk);
+        CodedChunk {
+            at,
             mask,
-            layout: lattice.layout,
-            color: cubes.color,
-            normal: cubes.normal,
-            opacity: cubes.opacity,
-        };
-        let payload = chunk
-            .encode(terrain.encoding)
-            .map_err(BuildError::format(Path::new(&lattice.tree_name(place))))?;
-        Ok(CodedChunk {
-            at: chunk_of(&bricks[0]),
-            mask: chunk.mask,
-            payload,
-        })
+            payload: chunk.encode(terrain.encoding),
+        }
     };
     groups.into_par_iter().map(code).collect()
 }

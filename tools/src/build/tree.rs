@@ -48,7 +48,7 @@ pub(crate) struct Terrain<'a> {
 
 impl Terrain<'_> {
     /// What files store of each sample.
-    fn layers(&self) -> Layers {
+    pub(crate) fn layers(&self) -> Layers {
         match self.filter {
             Filter::Axes => Layers::Axes,
             _ => Layers::Plain,
@@ -162,7 +162,7 @@ pub(crate) fn add_level(
         hints,
         levels.last(),
     );
-    let chunks = code_chunks(terrain, place, at, texels, &nodes.bricks())?;
+    let chunks = code_chunks(terrain, place, at, texels, &nodes.bricks());
     let chunks: Vec<_> = chunks
         .into_iter()
         .map(|c| (morton::encode(c.at), c.mask, Payload::Made(c.payload)))
@@ -181,7 +181,7 @@ pub(crate) fn finish(
     place: TreePlace,
     met: &Met,
     mut levels: Vec<LevelNodes>,
-    writer: FolderWriter,
+    mut writer: FolderWriter,
     folder: &Path,
 ) -> Result<Option<TreeHeader>, BuildError> {
     levels.reverse();
@@ -317,6 +317,8 @@ fn write_bricks(
 pub(crate) struct FolderWriter {
     partial: PathBuf,
     folder: PathBuf,
+    /// What has been written but may not be on the disk yet.
+    files: Vec<(PathBuf, File)>,
 }
 
 impl FolderWriter {
@@ -331,6 +333,7 @@ impl FolderWriter {
         Ok(Self {
             partial,
             folder: folder.to_path_buf(),
+            files: Vec::new(),
         })
     }
 
@@ -339,7 +342,7 @@ impl FolderWriter {
     }
 
     fn file(
-        &self,
+        &mut self,
         name: &str,
         write: impl FnOnce(&mut File) -> std::io::Result<()>,
     ) -> Result<(), BuildError> {
@@ -348,25 +351,49 @@ impl FolderWriter {
     }
 
     fn try_file(
-        &self,
+        &mut self,
         name: &str,
         write: impl FnOnce(&mut File) -> Result<(), BuildError>,
     ) -> Result<(), BuildError> {
         let path = self.path(name);
         let mut file = File::create(&path).map_err(BuildError::io(&path))?;
         write(&mut file)?;
-        file.sync_data().map_err(BuildError::io(&path))
+        self.files.push((path, file));
+        Ok(())
+    }
+
+    /// Waits until all files are on the disk. All at once: one after the other, each would wait for a commit of its own.
+    fn sync(&mut self) -> Result<(), BuildError> {
+        let files = std::mem::take(&mut self.files);
+        std::thread::scope(|scope| {
+            let sync = |(path, file): &(PathBuf, File)| file.sync_data().map_err(BuildError::io(path));
+            let waits: Vec<_> = (files.iter())
+                .map(|file| {
+                    let thread = std::thread::Builder::new().spawn_scoped(scope, move || sync(file));
+                    thread.map_err(|_| sync(file))
+                })
+                .collect();
+            waits.into_iter().try_for_each(|wait| match wait {
+                Ok(thread) => match thread.join() {
+                    Ok(done) => done,
+                    Err(panic) => std::panic::resume_unwind(panic),
+                },
+                Err(done) => done,
+            })
+        })
     }
 
     fn discard(self) -> Result<(), BuildError> {
+        drop(self.files);
         remove_tree(&self.partial)
     }
 
     /// What is there already is the same.
-    fn finish(self) -> Result<(), BuildError> {
+    fn finish(mut self) -> Result<(), BuildError> {
         if self.folder.is_dir() {
             return self.discard();
         }
+        self.sync()?;
         fs::rename(&self.partial, &self.folder).map_err(BuildError::io(&self.folder))
     }
 }

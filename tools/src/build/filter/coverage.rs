@@ -11,7 +11,8 @@ use std::sync::LazyLock;
 use bytemuck::{Pod, Zeroable};
 
 use super::step::{Parts, Rule};
-use crate::build::blocks::{Block, Blocks, Dense, in_block};
+use crate::build::blocks::{Block, Blocks};
+use crate::build::cells::{Cells, in_block};
 use crate::build::lattice::SIDE;
 use crate::build::sample::{SKIN_MAX, Sample};
 
@@ -83,7 +84,7 @@ fn shared_skin(own: u64, around: u64) -> f32 {
 /// What is to be stored of a level by what its samples cover.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Skins<'a> {
-    pub(super) covers: &'a Blocks<Dense<Cover>>,
+    pub(super) covers: &'a Blocks<Cells<Cover>>,
     /// The level's voxels are known two beyond what is stored. Where they are not, as of the root, all pieces count as such of
     /// planes.
     pub(super) neighbours: bool,
@@ -96,20 +97,21 @@ impl Skins<'_> {
     pub(crate) fn at(&self, cell: [i64; 3]) -> [f32; 3] {
         let [x, y, z] = cell;
         let column = self.covers.column(x.div_euclid(SIDE), y.div_euclid(SIDE));
-        let Block::Dense(block) = column.get(z.div_euclid(SIDE)) else {
+        let Block::Mixed(block) = column.get(z.div_euclid(SIDE)) else {
             return [0.0; 3];
         };
-        let own = block[in_block(x, y, z)];
-        if own == Cover::default() {
+        let Some(own) = block.value(in_block(x, y, z)) else {
             return [0.0; 3];
-        }
+        };
         let skins: [f32; 3] = std::array::from_fn(|axis| {
             let beside = |step: i64| {
                 let mut at = cell;
                 at[axis] += step;
                 // Most neighbours are in the same block.
                 if at[axis].div_euclid(SIDE) == cell[axis].div_euclid(SIDE) {
-                    block[in_block(at[0], at[1], at[2])].0[axis]
+                    block
+                        .value(in_block(at[0], at[1], at[2]))
+                        .map_or(0, |c| c.0[axis])
                 } else {
                     self.cover(at).0[axis]
                 }
@@ -130,13 +132,14 @@ impl Skins<'_> {
     fn cover(&self, [x, y, z]: [i64; 3]) -> Cover {
         let column = self.covers.column(x.div_euclid(SIDE), y.div_euclid(SIDE));
         match column.get(z.div_euclid(SIDE)) {
-            Block::Dense(covers) => covers[in_block(x, y, z)],
+            Block::Mixed(covers) => covers.value(in_block(x, y, z)).copied().unwrap_or_default(),
             _ => Cover::default(),
         }
     }
 }
 
 /// A hash of a place.
+#[inline]
 pub(super) fn hash(a: i64, b: i64, c: i64) -> u64 {
     let mut h = (a as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
         ^ (b as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)
@@ -146,28 +149,58 @@ pub(super) fn hash(a: i64, b: i64, c: i64) -> u64 {
     h ^ h >> 31
 }
 
+/// Every second bit of a row of sixteen, from the first on.
+fn even(row: u16) -> u64 {
+    let row = row & 0x5555;
+    let row = (row | row >> 1) & 0x3333;
+    let row = (row | row >> 2) & 0x0f0f;
+    u64::from((row | row >> 4) & 0xff)
+}
+
+/// Of four bits, the places in a 2×2 pattern (bits 0, 1, 8, 9 of a mask) that have each threshold 0..3, by how the pattern is
+/// turned.
+static PATTERNS: [[u64; 4]; 4] = {
+    /// Left below, right below, left above, right above.
+    const BAYER: [usize; 4] = [0, 2, 3, 1];
+    let mut patterns = [[0; 4]; 4];
+    let mut turn = 0;
+    while turn < 4 {
+        let mut place = 0;
+        while place < 4 {
+            patterns[turn][BAYER[place ^ turn]] |= 1 << (place % 2 + 8 * (place / 2));
+            place += 1;
+        }
+        turn += 1;
+    }
+    patterns
+};
+
 /// Halves a cross-section of 16×16 bits. `seed` tells axis and level apart, `at` is the mask's place in the cross-section.
 fn halve(rows: [u16; 16], seed: i64, at: [i64; 2]) -> u64 {
-    /// Of the four bits of an output place: left below, right below, left above, right above.
-    const BAYER: [u32; 4] = [0, 2, 3, 1];
-    let mut mask = 0;
+    // Of the four bits of each output place: left below, right below, left above, right above.
+    let (mut a, mut b, mut c, mut d) = (0, 0, 0, 0);
     for y in 0..8 {
-        let (a, b) = (rows[2 * y], rows[2 * y + 1]);
-        let four = [a, a >> 1, b, b >> 1].map(|bits| bits & 0x5555);
-        let all = four.iter().fold(0x5555, |m, bits| m & bits);
-        let any = four.iter().fold(0, |m, bits| m | bits);
-        for x in 0..8 {
-            let bit = 1 << (2 * x);
-            let set = if all & bit == any & bit {
-                any & bit != 0
-            } else {
-                let count = four.iter().filter(|bits| **bits & bit != 0).count() as u32;
-                let (u, v) = (8 * at[0] + x, 8 * at[1] + y as i64);
-                let turn = hash(u >> 1, v >> 1, seed) & 3;
-                count > BAYER[((u & 1 | (v & 1) << 1) ^ turn as i64) as usize]
-            };
-            mask |= u64::from(set) << (8 * y as i64 + x);
-        }
+        let (below, above) = (rows[2 * y], rows[2 * y + 1]);
+        a |= even(below) << (8 * y);
+        b |= even(below >> 1) << (8 * y);
+        c |= even(above) << (8 * y);
+        d |= even(above >> 1) << (8 * y);
+    }
+    let (all, any) = (a & b & c & d, a | b | c | d);
+    let two = a & b | c & d | (a | b) & (c | d);
+    let three = a & b & (c | d) | c & d & (a | b);
+    let open = any & !all;
+    let mut mask = all;
+    // What decides in the 2×2 places that are turned together.
+    let groups = open | open >> 1;
+    let mut left = (groups | groups >> 8) & 0x0055_0055_0055_0055;
+    while left != 0 {
+        let bit = left.trailing_zeros();
+        left &= left - 1;
+        let (x, y) = (i64::from(bit % 8), i64::from(bit / 8));
+        let turn = hash((8 * at[0] + x) >> 1, (8 * at[1] + y) >> 1, seed) & 3;
+        let [first, second, third, _] = PATTERNS[turn as usize].map(|places| places << bit);
+        mask |= open & (first & any | second & two | third & three);
     }
     mask
 }
@@ -215,5 +248,37 @@ impl Rule for Coverage {
             halve(rows, i64::from(parts.mip) << 2 | axis as i64, place)
         }));
         (0.0, cover)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Bit by bit, as the module says it.
+    fn halved(rows: [u16; 16], seed: i64, at: [i64; 2]) -> u64 {
+        const BAYER: [u32; 4] = [0, 2, 3, 1];
+        let mut mask = 0;
+        for (x, y) in (0..64).map(|k| (k % 8, k / 8)) {
+            let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| rows[2 * y + j] >> (2 * x + i) & 1);
+            let (u, v) = (8 * at[0] + x as i64, 8 * at[1] + y as i64);
+            let turn = hash(u >> 1, v >> 1, seed) & 3;
+            let threshold = BAYER[((u & 1 | (v & 1) << 1) ^ turn as i64) as usize];
+            let count = four.map(u32::from).iter().sum::<u32>();
+            if count == 4 || count > threshold {
+                mask |= 1 << (8 * y + x);
+            }
+        }
+        mask
+    }
+
+    proptest! {
+        #[test]
+        fn all_places_are_halved_at_once(a in any::<[u16; 16]>(), b in any::<[u16; 16]>(), full in any::<[bool; 16]>(),
+                                         seed in -99..99i64, at in [-9..9i64, -9..9i64]) {
+            let rows = std::array::from_fn(|k| if full[k] { a[k] | b[k] } else { a[k] & b[k] });
+            prop_assert_eq!(halve(rows, seed, at), halved(rows, seed, at));
+        }
     }
 }

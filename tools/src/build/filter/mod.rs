@@ -14,7 +14,8 @@ use self::coverage::Coverage;
 pub(crate) use self::coverage::{Cover, Skins};
 pub(crate) use self::outline::{Outlines, thinned};
 use self::step::{Parts, Rule, coarser};
-use super::blocks::{Blocks, Dense};
+use super::blocks::Blocks;
+use super::cells::Cells;
 use super::lattice::CellBox;
 use super::sample::{SKIN_MAX, Sample};
 use super::spill::{Reader, Writer, read_blocks, write_blocks};
@@ -56,7 +57,7 @@ impl Filter {
 /// The samples of one level under construction, and what its filter keeps beside them.
 #[derive(Debug)]
 pub(crate) struct Level {
-    pub(crate) samples: Blocks<Dense<Sample>>,
+    pub(crate) samples: Blocks<Cells<Sample>>,
     kept: Kept,
 }
 
@@ -64,8 +65,8 @@ pub(crate) struct Level {
 #[derive(Debug)]
 enum Kept {
     Nothing,
-    Means(Blocks<Dense<f32>>),
-    Covers(Blocks<Dense<Cover>>),
+    Means(Blocks<Cells<f32>>),
+    Covers(Blocks<Cells<Cover>>),
 }
 
 /// A level to be made: where, and from what.
@@ -80,7 +81,7 @@ pub(crate) struct Target {
 
 impl Level {
     /// The finest one, with what its samples cover if the filter asks for it.
-    pub(crate) fn finest(samples: Blocks<Dense<Sample>>, covers: Option<Blocks<Dense<Cover>>>) -> Self {
+    pub(crate) fn finest(samples: Blocks<Cells<Sample>>, covers: Option<Blocks<Cells<Cover>>>) -> Self {
         Self {
             samples,
             kept: covers.map_or(Kept::Nothing, Kept::Covers),
@@ -125,15 +126,15 @@ impl Level {
 
     /// A level over an extent (cells), of what was written of some boxes that do not meet.
     pub(crate) fn read(extent: &CellBox, parts: &mut [(CellBox, Reader)], filter: Filter) -> Option<Self> {
-        let samples = read_blocks(extent, parts, Sample::DEEP)?;
+        let samples = read_blocks(extent, parts)?;
         let mut kinds = Vec::new();
         for (_, part) in parts.iter_mut() {
             kinds.push(part.get::<u8>()?);
         }
         let kept = match filter {
             Filter::Mean | Filter::Double => Kept::Nothing,
-            Filter::Pow => Kept::Means(read_blocks(extent, parts, 0.0)?),
-            Filter::Coverage | Filter::Axes => Kept::Covers(read_blocks(extent, parts, Cover::default())?),
+            Filter::Pow => Kept::Means(read_blocks(extent, parts)?),
+            Filter::Coverage | Filter::Axes => Kept::Covers(read_blocks(extent, parts)?),
         };
         let kind = match &kept {
             Kept::Nothing => 0,

@@ -8,6 +8,12 @@ use glam::DVec3;
 
 use super::coverage::{BITS, Cover, hash};
 
+/// Rows that are done side by side.
+const TOGETHER: usize = 4;
+
+/// So far from the ends of a cell no error of computation matters.
+const WITHIN: f64 = 1e-6;
+
 /// Lines of a voxel per axis of a cross-section.
 const LINES: usize = 8;
 
@@ -24,6 +30,8 @@ struct View {
     upper: Bounds,
     /// Range of v.
     rows: [f64; 2],
+    /// Range of depths.
+    depths: [f64; 2],
     /// Depth over u and v.
     at: f64,
     du: f64,
@@ -74,6 +82,7 @@ impl View {
             lower,
             upper,
             rows: [a[1].min(b[1]).min(c[1]) - BAND, a[1].max(b[1]).max(c[1]) + BAND],
+            depths: [a[2].min(b[2]).min(c[2]), a[2].max(b[2]).max(c[2])],
             at: a[2] - du * a[0] - dv * a[1],
             du,
             dv,
@@ -83,41 +92,65 @@ impl View {
 
     /// The lines that stop in a cell, whose first corner is given; `shift` is where the first line stands in the cell.
     fn mask(&self, cell: [f64; 3], shift: [f64; 2]) -> u64 {
-        const STEP: f64 = 1.0 / LINES as f64;
         let first = (self.rows[0] - cell[1]) * LINES as f64 - shift[1];
         let last = (self.rows[1] - cell[1]) * LINES as f64 - shift[1];
         let (first, last) = (at_or_above(first), past(last));
         if first >= last {
             return 0;
         }
-        // All rows at once, so that they are done side by side; those that do not count are cut off at the end.
-        let (mut starts, mut ends) = ([0; LINES], [0; LINES]);
-        for (row, (start, end)) in starts.iter_mut().zip(&mut ends).enumerate() {
-            let v = cell[1] + (row as f64 + shift[1]) * STEP;
+        let inside = self.depths[0] > cell[2] + WITHIN && self.depths[1] < cell[2] + 1.0 - WITHIN;
+        let mut mask = 0;
+        for group in first / TOGETHER..last.div_ceil(TOGETHER) {
+            let row = group * TOGETHER;
+            let (starts, ends) = if inside {
+                self.lines::<false>(cell, shift, row)
+            } else {
+                self.lines::<true>(cell, shift, row)
+            };
+            for (k, (start, end)) in starts.into_iter().zip(ends).enumerate() {
+                let bits = FROM[start & 15] & BEFORE[end & 15];
+                mask |= u64::from(bits) << (LINES * (row + k));
+            }
+        }
+        // Rows that do not count are cut off.
+        mask & u64::MAX << (LINES * first) & u64::MAX >> (LINES * (LINES - last))
+    }
+
+    /// For some rows from one on the first line that stops in a cell, and the first behind those that do. All at once, so that
+    /// they are done side by side. `CUT` says that some of the triangle lies before or behind the cell.
+    #[inline]
+    fn lines<const CUT: bool>(
+        &self,
+        cell: [f64; 3],
+        shift: [f64; 2],
+        row: usize,
+    ) -> ([usize; TOGETHER], [usize; TOGETHER]) {
+        const STEP: f64 = 1.0 / LINES as f64;
+        let (mut starts, mut ends) = ([0; TOGETHER], [0; TOGETHER]);
+        let first = row as f64 + shift[1];
+        for (k, (start, end)) in starts.iter_mut().zip(&mut ends).enumerate() {
+            let v = cell[1] + (first + k as f64) * STEP;
             let bound = |(at, slope): (f64, f64)| at + slope * v;
             let mut from = max(max(cell[0], bound(self.lower[0])), bound(self.lower[1]));
             let mut to = min(min(cell[0] + 1.0, bound(self.upper[0])), bound(self.upper[1]));
-            // The part of the row that lies in the cell; where depth does not change along it, all or nothing.
-            let depth = self.at + self.dv * v - cell[2];
-            let (near, far) = (-depth * self.inverse_du, (1.0 - depth) * self.inverse_du);
-            let (near, far) = if self.du != 0.0 {
-                (min(near, far), max(near, far))
-            } else if (0.0..1.0).contains(&depth) {
-                (f64::NEG_INFINITY, f64::INFINITY)
-            } else {
-                (f64::INFINITY, f64::NEG_INFINITY)
-            };
-            (from, to) = (max(from, near), min(to, far));
-            let lines = |u: f64| (u - cell[0]) * LINES as f64 - shift[0];
-            *start = at_or_above(lines(from));
-            *end = past(lines(to));
+            if CUT {
+                // The part of the row that lies in the cell; where depth does not change along it, all or nothing.
+                let depth = self.at + self.dv * v - cell[2];
+                let (near, far) = (-depth * self.inverse_du, (1.0 - depth) * self.inverse_du);
+                let (near, far) = if self.du != 0.0 {
+                    (min(near, far), max(near, far))
+                } else if (0.0..1.0).contains(&depth) {
+                    (f64::NEG_INFINITY, f64::INFINITY)
+                } else {
+                    (f64::INFINITY, f64::NEG_INFINITY)
+                };
+                (from, to) = (max(from, near), min(to, far));
+            }
+            let place = |u: f64| (u - cell[0]) * LINES as f64 - shift[0];
+            *start = at_or_above(place(from));
+            *end = past(place(to));
         }
-        let mut mask = 0;
-        for row in first..last {
-            let bits = FROM[starts[row]] & BEFORE[ends[row]];
-            mask |= u64::from(bits) << (LINES * row);
-        }
-        mask
+        (starts, ends)
     }
 }
 
@@ -181,13 +214,16 @@ impl Outlines {
     /// What it covers of a cell.
     pub(crate) fn cover(&self, cell: [i64; 3]) -> Cover {
         let local: [f64; 3] = std::array::from_fn(|k| (cell[k] - self.base[k]) as f64);
-        Cover(std::array::from_fn(|axis| {
-            let Some(view) = &self.views[axis] else { return 0 };
-            let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
-            let shift = hash(cell[i], cell[j], axis as i64);
-            let shift = [shift, shift >> 32].map(|s| (f64::from(s as u32) + 0.5) * 2f64.powi(-32));
-            view.mask([local[i], local[j], local[axis]], shift)
-        }))
+        let mut cover = Cover::default();
+        for (axis, view) in self.views.iter().enumerate() {
+            if let Some(view) = view {
+                let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
+                let shift = hash(cell[i], cell[j], axis as i64);
+                let shift = [shift, shift >> 32].map(|s| (f64::from(s as u32) + 0.5) * 2f64.powi(-32));
+                cover.0[axis] = view.mask([local[i], local[j], local[axis]], shift);
+            }
+        }
+        cover
     }
 }
 

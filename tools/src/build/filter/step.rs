@@ -8,9 +8,8 @@ use rayon::prelude::*;
 use brickfell_formats::layout::SampleLayout;
 
 use super::Target;
-use crate::build::blocks::{
-    BLOCK, Block, BlockColumn, Blocks, Dense, Slot, block_columns, in_block, new_dense,
-};
+use crate::build::blocks::{Block, BlockColumn, Blocks, Slot, block_columns};
+use crate::build::cells::{BLOCK, Cells, Draft, Mask, dense, either, in_block};
 use crate::build::lattice::{CellBox, SIDE};
 use crate::build::sample::{Mean, Sample};
 
@@ -74,26 +73,48 @@ fn taps(layout: SampleLayout) -> (i64, &'static [f32]) {
     }
 }
 
-/// Samples and what is kept of them, as they are read for a block.
-type Buffers<K> = (Vec<Sample>, Vec<K>);
+/// What a thread needs for blocks.
+struct Buffers<K> {
+    /// A finer block, and what is kept of it.
+    block: Box<[Sample; BLOCK]>,
+    block_kept: Box<[K; BLOCK]>,
+    /// Cubes of finer samples around a block.
+    samples: Vec<Sample>,
+    kept: Vec<K>,
+    made: Draft<Sample>,
+    made_kept: Draft<K>,
+}
+
+impl<K: Copy + Default> Default for Buffers<K> {
+    fn default() -> Self {
+        Self {
+            block: dense(),
+            block_kept: dense(),
+            samples: Vec::new(),
+            kept: Vec::new(),
+            made: Draft::default(),
+            made_kept: Draft::default(),
+        }
+    }
+}
 
 /// A block and what is kept of it, if anything.
-type SlotPair<K> = (Slot<Dense<Sample>>, Option<Slot<Dense<K>>>);
+type SlotPair<K> = (Slot<Cells<Sample>>, Option<Slot<Cells<K>>>);
 
 /// The finer level: its samples, and what is kept of them unless it is the finest.
 struct Fine<'a, R: Rule> {
     rule: &'a R,
-    samples: &'a Blocks<Dense<Sample>>,
-    kept: Option<&'a Blocks<Dense<R::Kept>>>,
+    samples: &'a Blocks<Cells<Sample>>,
+    kept: Option<&'a Blocks<Cells<R::Kept>>>,
 }
 
 /// The coarser level.
 pub(super) fn coarser<R: Rule>(
     rule: &R,
-    samples: &Blocks<Dense<Sample>>,
-    kept: Option<&Blocks<Dense<R::Kept>>>,
+    samples: &Blocks<Cells<Sample>>,
+    kept: Option<&Blocks<Cells<R::Kept>>>,
     target: &Target,
-) -> (Blocks<Dense<Sample>>, Blocks<Dense<R::Kept>>) {
+) -> (Blocks<Cells<Sample>>, Blocks<Cells<R::Kept>>) {
     let fine = Fine { rule, samples, kept };
     let extent = target.cells.blocks();
     let (samples, kept) = block_columns(&extent)
@@ -113,7 +134,7 @@ impl<R: Rule> Fine<'_, R> {
         y: i64,
         extent: &CellBox,
         buffers: &mut Buffers<R::Kept>,
-    ) -> (BlockColumn<Dense<Sample>>, BlockColumn<Dense<R::Kept>>) {
+    ) -> (BlockColumn<Cells<Sample>>, BlockColumn<Cells<R::Kept>>) {
         let fine = self.samples;
         let first = taps(target.layout).0;
         let mut solid: Option<(i64, i64)> = None;
@@ -185,80 +206,123 @@ impl<R: Rule> Fine<'_, R> {
         &self,
         target: &Target,
         at: [i64; 3],
-        (samples, kept): &mut Buffers<R::Kept>,
+        buffers: &mut Buffers<R::Kept>,
     ) -> Option<SlotPair<R::Kept>> {
         let (first, weights) = taps(target.layout);
+        let Buffers {
+            block,
+            block_kept,
+            samples,
+            kept,
+            made,
+            made_kept,
+        } = buffers;
         let mut made = Made {
             target,
             at,
             weights,
-            samples: new_dense(),
-            kept: new_dense(),
-            filled: 0,
-            deep: 0,
-            keeps: false,
+            samples: made,
+            kept: made_kept,
         };
         if first == 0 {
             // What a sample is made of lies in one finer block: no need to put cubes together.
             for octant in 0..8 {
-                self.octant(&mut made, [octant & 1, octant >> 1 & 1, octant >> 2], kept);
+                self.octant(
+                    &mut made,
+                    [octant & 1, octant >> 1 & 1, octant >> 2],
+                    block,
+                    block_kept,
+                );
             }
         } else {
             let base = at.map(|b| 2 * SIDE * b + first);
             let n = 2 * SIDE - first;
-            read(self.samples, base, n, Sample::DEEP, samples);
+            read(self.samples, base, n, Sample::DEEP, block, samples);
             match self.kept {
-                Some(blocks) => read(blocks, base, n, R::Kept::default(), kept),
+                Some(blocks) => read(blocks, base, n, R::Kept::default(), block_kept, kept),
                 None => {
                     kept.clear();
                     kept.extend(samples.iter().map(|sample| self.rule.finest(sample)));
                 }
             }
-            made.add::<R, 3>(self.rule, samples, kept, n as usize, [0; 3], SIDE);
+            let cells = (0..SIDE * SIDE * SIDE).map(|k| [k % SIDE, k / SIDE % SIDE, k / SIDE / SIDE]);
+            for cell in cells {
+                made.add::<R, 3>(self.rule, samples, kept, n as usize, cell, cell);
+            }
         }
-        match (made.filled, made.deep) {
-            (0, _) => None,
-            (_, BLOCK) => Some((Slot::Solid, None)),
-            _ => Some((
-                Slot::Dense(made.samples),
-                made.keeps.then_some(Slot::Dense(made.kept)),
-            )),
+        let kept = made.kept.take().map(Slot::Mixed);
+        if made.samples.is_solid() {
+            made.samples.take();
+            return Some((Slot::Solid, None));
         }
+        made.samples.take().map(|samples| (Slot::Mixed(samples), kept))
     }
 
     /// The eighth of a block that lies over one finer block.
-    fn octant(&self, made: &mut Made<R::Kept>, octant: [i64; 3], buffer: &mut Vec<R::Kept>) {
+    fn octant(
+        &self,
+        made: &mut Made<R::Kept>,
+        octant: [i64; 3],
+        samples: &mut [Sample; BLOCK],
+        kept: &mut [R::Kept; BLOCK],
+    ) {
         const HALF: i64 = SIDE / 2;
         let [x, y, z]: [i64; 3] = std::array::from_fn(|k| 2 * made.at[k] + octant[k]);
         let first = octant.map(|o| HALF * o);
-        let samples = match self.samples.column(x, y).get(z) {
+        let place = |k: i64| {
+            let [i, j, k] = [k % HALF, k / HALF % HALF, k / HALF / HALF];
+            [first[0] + i, first[1] + j, first[2] + k]
+        };
+        let cells = match self.samples.column(x, y).get(z) {
             Block::Empty => return,
             Block::Solid => {
-                for place in (0..HALF * HALF * HALF).map(|k| [k % HALF, k / HALF % HALF, k / HALF / HALF]) {
-                    let [x, y, z]: [i64; 3] = std::array::from_fn(|k| first[k] + place[k]);
-                    made.samples[in_block(x, y, z)] = Sample::DEEP;
+                for [x, y, z] in (0..HALF * HALF * HALF).map(place) {
+                    made.samples.make_solid(in_block(x, y, z));
                 }
-                made.filled += (HALF * HALF * HALF) as usize;
-                made.deep += (HALF * HALF * HALF) as usize;
                 return;
             }
-            Block::Dense(samples) => samples,
+            Block::Mixed(cells) => cells,
         };
-        let kept = match self.kept.map(|kept| kept.column(x, y).get(z)) {
-            Some(Block::Dense(kept)) => &kept[..],
-            Some(_) => {
-                buffer.clear();
-                buffer.resize(BLOCK, R::Kept::default());
-                buffer
-            }
+        cells.spread(Sample::DEEP, samples);
+        match self.kept.map(|kept| kept.column(x, y).get(z)) {
+            Some(Block::Mixed(cells)) => cells.spread(R::Kept::default(), kept),
+            Some(_) => kept.fill(R::Kept::default()),
             None => {
-                buffer.clear();
-                buffer.extend(samples.iter().map(|sample| self.rule.finest(sample)));
-                buffer
+                kept.fill(R::Kept::default());
+                cells.each(|place, sample| kept[place] = self.rule.finest(sample));
             }
-        };
-        made.add::<R, 2>(self.rule, &samples[..], kept, SIDE as usize, first, HALF);
+        }
+        let some = coarser_cells(&either(cells.held(), cells.solid()));
+        let mixed = coarser_cells(cells.held());
+        let not_solid = coarser_cells(&cells.solid().map(|layer| !layer));
+        for k in (0..HALF * HALF * HALF).filter(|k| some >> k & 1 == 1) {
+            let cell = place(k);
+            if mixed >> k & 1 == 0 && not_solid >> k & 1 == 0 {
+                made.samples.make_solid(in_block(cell[0], cell[1], cell[2]));
+                continue;
+            }
+            let fine = std::array::from_fn(|axis| cell[axis] - first[axis]);
+            made.add::<R, 2>(self.rule, &samples[..], &kept[..], SIDE as usize, fine, cell);
+        }
     }
+}
+
+/// Which of the 4³ coarser cells over a block have any of some cells, x fastest.
+fn coarser_cells(mask: &Mask) -> u64 {
+    let mut cells = 0;
+    for z in 0..4 {
+        let plane = mask[2 * z] | mask[2 * z + 1];
+        // Two rows, then two cells of a row, in the first of them.
+        let rows = plane | plane >> 8;
+        let pairs = (rows | rows >> 1) & 0x0055_0055_0055_0055;
+        for y in 0..4 {
+            let row = pairs >> (16 * y) & 0x55;
+            let row = (row | row >> 1) & 0x33;
+            let row = (row | row >> 2) & 0x0f;
+            cells |= row << (16 * z + 4 * y);
+        }
+    }
+    cells
 }
 
 /// A coarse block under construction.
@@ -266,64 +330,69 @@ struct Made<'a, K> {
     target: &'a Target,
     at: [i64; 3],
     weights: &'static [f32],
-    samples: Dense<Sample>,
-    kept: Dense<K>,
-    /// Cells that are not empty, and those that are deep solid.
-    filled: usize,
-    deep: usize,
-    keeps: bool,
+    samples: &'a mut Draft<Sample>,
+    kept: &'a mut Draft<K>,
 }
 
 impl<K: Copy + Default + PartialEq> Made<'_, K> {
-    /// Makes a cube of samples from `first` on out of `N`³ finer ones each, which are in rows of `side` and begin where it does.
+    /// Makes a sample, at a cell of the block, out of `N`³ finer ones that begin at twice a place in rows of `side`.
+    #[inline]
     fn add<R: Rule<Kept = K>, const N: usize>(
         &mut self,
         rule: &R,
         samples: &[Sample],
         kept: &[K],
         side: usize,
-        first: [i64; 3],
-        count: i64,
+        fine: [i64; 3],
+        cell: [i64; 3],
     ) {
         let share: [f32; N] = std::array::from_fn(|k| self.weights[k]);
-        for [x, y, z] in (0..count * count * count).map(|k| [k % count, k / count % count, k / count / count])
-        {
-            let corner = ((2 * z) as usize * side + (2 * y) as usize) * side + (2 * x) as usize;
-            let row = |k: usize| &samples[corner + (k / N * side + k % N) * side..][..N];
-            if (0..N * N).all(|k| row(k).iter().all(Sample::is_empty)) {
-                continue;
+        let [x, y, z] = fine.map(|v| 2 * v as usize);
+        let corner = (z * side + y) * side + x;
+        let row = |k: usize| &samples[corner + (k / N * side + k % N) * side..][..N];
+        if (0..N * N).all(|k| row(k).iter().all(Sample::is_empty)) {
+            return;
+        }
+        let mut mean = Mean::default();
+        for k in 0..N * N {
+            for (s, wx) in row(k).iter().zip(share) {
+                mean.add(s, wx * share[k % N] * share[k / N]);
             }
-            let mut mean = Mean::default();
-            for k in 0..N * N {
-                for (s, wx) in row(k).iter().zip(share) {
-                    mean.add(s, wx * share[k % N] * share[k / N]);
-                }
-            }
-            let cell = [first[0] + x, first[1] + y, first[2] + z];
-            let (skin, keep) = if mean.weight() > 0.0 {
-                let parts = Parts {
-                    kept: &kept[corner..],
-                    side,
-                    weights: self.weights,
-                    cell: std::array::from_fn(|k| SIDE * self.at[k] + cell[k]),
-                    mip: self.target.mip,
-                };
-                rule.up(mean.skin(), &parts)
-            } else {
-                Default::default()
+        }
+        let (skin, keep) = if mean.weight() > 0.0 {
+            let parts = Parts {
+                kept: &kept[corner..],
+                side,
+                weights: self.weights,
+                cell: std::array::from_fn(|k| SIDE * self.at[k] + cell[k]),
+                mip: self.target.mip,
             };
-            let sample = mean.sample(skin);
-            self.filled += usize::from(!sample.is_empty());
-            self.deep += usize::from(sample.is_deep());
-            self.keeps |= keep != K::default();
-            let place = in_block(cell[0], cell[1], cell[2]);
-            (self.samples[place], self.kept[place]) = (sample, keep);
+            rule.up(mean.skin(), &parts)
+        } else {
+            Default::default()
+        };
+        let sample = mean.sample(skin);
+        let place = in_block(cell[0], cell[1], cell[2]);
+        if sample.is_deep() {
+            self.samples.make_solid(place);
+        } else if !sample.is_empty() {
+            self.samples.put(place, sample);
+        }
+        if keep != K::default() {
+            self.kept.put(place, keep);
         }
     }
 }
 
 /// Copies a cube of `n`³ samples from `base` on; `solid` is what solid blocks hold.
-fn read<T: Copy + Default>(fine: &Blocks<Dense<T>>, base: [i64; 3], n: i64, solid: T, buffer: &mut Vec<T>) {
+fn read<T: Copy + Default>(
+    fine: &Blocks<Cells<T>>,
+    base: [i64; 3],
+    n: i64,
+    solid: T,
+    spread: &mut [T; BLOCK],
+    buffer: &mut Vec<T>,
+) {
     buffer.clear();
     buffer.resize((n * n * n) as usize, T::default());
     let blocks = CellBox {
@@ -334,9 +403,10 @@ fn read<T: Copy + Default>(fine: &Blocks<Dense<T>>, base: [i64; 3], n: i64, soli
     for (bx, by) in block_columns(&blocks) {
         let column = fine.column(bx, by);
         for bz in blocks.lo[2]..blocks.hi[2] {
-            let block = column.get(bz);
-            if matches!(block, Block::Empty) {
-                continue;
+            match column.get(bz) {
+                Block::Empty => continue,
+                Block::Solid => spread.fill(solid),
+                Block::Mixed(cells) => cells.spread(solid, spread),
             }
             let lo: [i64; 3] = std::array::from_fn(|k| ([bx, by, bz][k] * SIDE).max(base[k]));
             let hi: [i64; 3] = std::array::from_fn(|k| (([bx, by, bz][k] + 1) * SIDE).min(base[k] + n));
@@ -345,10 +415,7 @@ fn read<T: Copy + Default>(fine: &Blocks<Dense<T>>, base: [i64; 3], n: i64, soli
                 for y in lo[1]..hi[1] {
                     let to = (((z - base[2]) * n + y - base[1]) * n + lo[0] - base[0]) as usize;
                     let from = in_block(lo[0], y, z);
-                    match &block {
-                        Block::Dense(dense) => buffer[to..to + len].copy_from_slice(&dense[from..from + len]),
-                        _ => buffer[to..to + len].fill(solid),
-                    }
+                    buffer[to..to + len].copy_from_slice(&spread[from..from + len]);
                 }
             }
         }

@@ -61,9 +61,8 @@ fn check(triangles: &[[DVec3; 3]], far: DVec3) {
         for z in own.lo[2]..own.hi[2] {
             for y in own.lo[1]..own.hi[1] {
                 for x in own.lo[0]..own.hi[0] {
-                    let column = level.samples.column(x.div_euclid(8), y.div_euclid(8));
-                    if let super::super::blocks::Block::Dense(samples) = column.get(z.div_euclid(8))
-                        && samples[super::super::blocks::in_block(x, y, z)].weight > 0.0
+                    if let super::super::cells::Cell::Held(sample) = level.samples.at([x, y, z])
+                        && sample.weight > 0.0
                     {
                         met.insert([x, y, z]);
                     }

@@ -1,6 +1,7 @@
 //! What each filter promises about the opacity of open surfaces.
 
-use super::super::blocks::{BlockColumn, Blocks, Slot, in_block, new_dense};
+use super::super::blocks::{BlockColumn, Blocks, Slot};
+use super::super::cells::{Cell, Draft, in_block};
 use super::super::filter::{Level, Target};
 use super::super::lattice::{CellBox, SIDE};
 use super::super::sample::{Look, Sample};
@@ -21,7 +22,7 @@ fn finest(filled: impl Fn([i64; 3]) -> f32) -> Level {
         .into_iter()
         .map(|(x, y)| {
             let slots = (0..N / SIDE).filter_map(|z| {
-                let mut dense = new_dense::<Sample>();
+                let mut draft = Draft::default();
                 for k in 0..512 {
                     let cell = [SIDE * x + k % 8, SIDE * y + k / 8 % 8, SIDE * z + k / 64];
                     let skin = if cell.iter().all(|c| (0..N).contains(c)) {
@@ -35,13 +36,10 @@ fn finest(filled: impl Fn([i64; 3]) -> f32) -> Level {
                             weight: skin.min(1.0),
                             ..Look::default()
                         };
-                        dense[in_block(cell[0], cell[1], cell[2])] = Sample::new(&look);
+                        draft.put(in_block(cell[0], cell[1], cell[2]), Sample::new(&look));
                     }
                 }
-                dense
-                    .iter()
-                    .any(|s| !s.is_empty())
-                    .then_some((z, Slot::Dense(dense)))
+                draft.take().map(|cells| (z, Slot::Mixed(cells)))
             });
             BlockColumn {
                 solid: 0..0,
@@ -70,10 +68,8 @@ fn skin(level: &Level, filter: Filter, axis: usize, [x, y, z]: [i64; 3]) -> f64 
     if let Some(skins) = level.skins(filter, true) {
         return f64::from(skins.at([x, y, z])[axis]);
     }
-    use super::super::blocks::Block;
-    let column = level.samples.column(x.div_euclid(SIDE), y.div_euclid(SIDE));
-    match column.get(z.div_euclid(SIDE)) {
-        Block::Dense(d) => f64::from(d[in_block(x, y, z)].skin()),
+    match level.samples.at([x, y, z]) {
+        Cell::Held(sample) => f64::from(sample.skin()),
         _ => 0.0,
     }
 }

@@ -5,7 +5,7 @@ use super::super::finest::{Sources, voxelise};
 use super::super::ground::{GroundGrid, Hints};
 use super::super::lattice::TreePlace;
 use super::super::plan::Plan;
-use super::super::texels::{Cubes, TexelLevel};
+use super::super::texels::TexelLevel;
 use super::*;
 
 const VOXEL: f64 = 0.225;
@@ -122,18 +122,20 @@ fn constants_expand_to_what_bricks_would_store() {
                     area,
                     &region.support(mip),
                 );
-                let (mut cubes, side) = (Cubes::default(), area.hi[0] - area.lo[0]);
-                texels.gather(area.lo, side, &mut cubes);
-                for (k, (color, normal)) in cubes.color.iter().zip(&cubes.normal).enumerate() {
-                    let [x, y, z, _] = cubes.opacity.get(k).copied().unwrap_or([color[3]; 4]);
-                    let [nx, ny, nz, _] = *normal;
-                    let made = (*color, [nx, ny, nz], [x, y, z]);
-                    let k = k as i64;
+                let side = area.hi[0] - area.lo[0];
+                for k in 0..side * side * side {
                     let cell = [
                         area.lo[0] + k % side,
                         area.lo[1] + k / side % side,
                         area.lo[2] + k / side / side,
                     ];
+                    let texel = texels.at(cell);
+                    let (color, [nx, ny, nz, _]) = (texel.stored.color, texel.stored.normal);
+                    let [x, y, z] = match filter {
+                        Filter::Axes => [0, 1, 2].map(|k| texel.opacity[k]),
+                        _ => [color[3]; 3],
+                    };
+                    let made = (color, [nx, ny, nz], [x, y, z]);
                     let stored = db.at(mip, cell);
                     assert!(same(stored, made), "mip {mip} {cell:?}: {stored:?} {made:?}");
                 }
