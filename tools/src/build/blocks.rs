@@ -127,6 +127,17 @@ impl<B> Blocks<B> {
 }
 
 impl<T: Copy> Blocks<Cells<T>> {
+    /// Whether any cell is deep solid.
+    pub(crate) fn has_solid(&self) -> bool {
+        let solid = |slot: &Slot<Cells<T>>| match slot {
+            Slot::Solid => true,
+            Slot::Mixed(cells) => *cells.solid() != NONE,
+        };
+        self.columns
+            .iter()
+            .any(|column| !column.solid.is_empty() || column.slots.iter().any(|(_, slot)| solid(slot)))
+    }
+
     /// What a cell is.
     pub(crate) fn at(&self, [x, y, z]: [i64; 3]) -> Cell<T> {
         let column = self.column(x.div_euclid(SIDE), y.div_euclid(SIDE));

@@ -11,6 +11,7 @@ use super::cells::{
 use super::faces::Binned;
 use super::filter::{Cover, Level, thinned};
 use super::ground::{Ground, GroundGrid};
+use super::inside::Inside;
 use super::lattice::{CellBox, Lattice, Region, SIDE};
 use super::overlap::{Voxelise, for_each_cell};
 use super::sample::{Look, Sample};
@@ -32,6 +33,8 @@ pub(crate) struct Sources<'a> {
     pub(crate) materials: &'a [(Material, Placing)],
     /// The faces that may meet the region and its margin, in order.
     pub(crate) faces: &'a [Binned],
+    /// What lies inside of closed meshes, if that is solid.
+    pub(crate) inside: Option<&'a Inside>,
     /// Which cells triangles leave something in.
     pub(crate) by: Voxelise,
     /// Whether the filter asks for what samples cover.
@@ -336,6 +339,10 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, faces: &[u32]) -> (Vec<Colum
             let with_facets = &facets[first..first + count];
             let mut heights: Vec<i64> = column.dense.clone().collect();
             heights.extend(with_facets.iter().map(|b| b.at[2]));
+            let filled = sources
+                .inside
+                .map_or_else(Vec::new, |inside| inside.blocks([x, y], tile.lo[2]..tile.hi[2]));
+            heights.extend(filled.iter().map(|f| f.0));
             heights.sort_unstable();
             heights.dedup();
             let mut slots = Vec::with_capacity(heights.len());
@@ -345,7 +352,13 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, faces: &[u32]) -> (Vec<Colum
                     .binary_search_by_key(&z, |b| b.at[2])
                     .ok()
                     .map(|k| &with_facets[k]);
-                if let Some((cells, surface)) = column.block(z, facets, sources.covers) {
+                let inside = filled.binary_search_by_key(&z, |f| f.0).ok();
+                if facets.is_none() && inside.is_some_and(|k| filled[k].1 as usize == BLOCK) {
+                    slots.push((z, Slot::Solid));
+                    continue;
+                }
+                let inside = sources.inside.map(|inside| (inside, [x, y]));
+                if let Some((cells, surface)) = column.block(z, facets, inside, sources.covers) {
                     met.add([x, y, z], &both(&surface, &mask_of(&own, [x, y, z])));
                     slots.push((z, Slot::Mixed(cells)));
                 }
@@ -424,7 +437,13 @@ impl GroundColumn {
     }
 
     /// The samples of the block at a height, and which of them a surface meets; `None` if nothing is in it.
-    fn block(&self, block: i64, facets: Option<&FacetBlock>, covers: bool) -> Option<(Cells<Sample>, Mask)> {
+    fn block(
+        &self,
+        block: i64,
+        facets: Option<&FacetBlock>,
+        inside: Option<(&Inside, [i64; 2])>,
+        covers: bool,
+    ) -> Option<(Cells<Sample>, Mask)> {
         let (mut surface, mut deep) = (NONE, NONE);
         let low = SIDE * block;
         let place = |z: i64| (z.max(self.bottom) - low).clamp(0, SIDE) as usize;
@@ -439,6 +458,9 @@ impl GroundColumn {
         if let Some(facets) = facets {
             surface = either(&surface, &facets.mask(|f| f.sum > 0.0));
         }
+        if let Some((inside, [x, y])) = inside {
+            deep = either(&deep, &inside.whole([x, y, block]));
+        }
         let solid = without(&deep, &surface);
         if surface == NONE && solid == NONE {
             return None;
@@ -446,15 +468,23 @@ impl GroundColumn {
         let mut samples = Vec::with_capacity(count(&surface) as usize);
         each(&surface, |at| {
             let facets = facets.and_then(|f| f.get(at)).filter(|f| f.sum > 0.0);
-            samples.push(self.sample(at % 64, low + at as i64 / 64, facets, covers));
+            let (k, z) = (at % 64, low + at as i64 / 64);
+            let part = inside.map_or(0.0, |(inside, [x, y])| {
+                let (i, j) = (k as i64 % SIDE, k as i64 / SIDE);
+                inside.part([x * SIDE + i, y * SIDE + j, z])
+            });
+            samples.push(self.sample(k, z, facets, part, covers));
         });
         Some((Cells::new(surface, solid, samples), surface))
     }
 
-    /// The sample of a cell that a surface meets: in column `k`, at a height.
+    /// The sample of a cell that a surface meets: in column `k`, at a height; `inside` is the part of it inside of meshes.
     #[inline]
-    fn sample(&self, k: usize, z: i64, facets: Option<&Facets>, covers: bool) -> Sample {
-        let mut look = Look::default();
+    fn sample(&self, k: usize, z: i64, facets: Option<&Facets>, inside: f32, covers: bool) -> Sample {
+        let mut look = Look {
+            solid: inside,
+            ..Look::default()
+        };
         let mut sum = 0.0;
         for ground in self.layers.iter().filter_map(|l| l[k].as_ref()) {
             if z > ground.highest || z < self.bottom {

@@ -252,11 +252,6 @@ impl Hints {
         }
     }
 
-    /// Whether there is no ground anywhere.
-    pub(crate) fn is_empty(&self) -> bool {
-        self.looks.is_empty()
-    }
-
     /// Writes those of the columns in a box.
     pub(crate) fn write(&self, cells: &CellBox, out: &mut Writer) {
         let (lo, hi) = (cells.lo, cells.hi);

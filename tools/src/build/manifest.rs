@@ -51,6 +51,8 @@ pub(crate) struct Arguments {
     pub(crate) filter: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) voxelise: Option<String>,
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) solid: bool,
 }
 
 #[derive(Debug, Serialize)]

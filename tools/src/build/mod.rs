@@ -26,6 +26,7 @@ mod filter;
 mod finest;
 mod ground;
 mod groups;
+mod inside;
 mod lattice;
 mod manifest;
 mod nodes;
@@ -115,6 +116,8 @@ pub struct BuildArgs {
     pub filter: Filter,
     /// Which voxels a triangle of a mesh leaves something in.
     pub voxelise: Voxelise,
+    /// Whether the inside of closed meshes is solid.
+    pub solid: bool,
     /// Whether a database built from something else may be replaced.
     pub force: bool,
     /// Threads to work with; 0 is one per core.
@@ -141,6 +144,7 @@ impl BuildArgs {
             chunk_log2: 2,
             filter: Filter::default(),
             voxelise: Voxelise::default(),
+            solid: false,
             force: false,
             threads: 0,
             memory: DEFAULT_MEMORY,
@@ -335,6 +339,7 @@ fn build_from(
             args.filter
         },
         voxelise: args.voxelise,
+        solid: args.solid,
     };
     let mut report = BuildReport {
         voxel: lattice.voxel,
@@ -406,6 +411,7 @@ fn manifest(args: &BuildArgs, lattice: &Lattice, materials: &[PathBuf]) -> Resul
         chunk_log2: args.chunk_log2,
         filter: args.filter.name(),
         voxelise: (args.voxelise != Voxelise::default()).then(|| format!("{:?}", args.voxelise)),
+        solid: args.solid,
     };
     let mut files: Vec<(&'static str, &Path)> = args.inputs.iter().map(|p| ("mesh", p.as_path())).collect();
     files.extend(args.placements.iter().map(|p| ("placements", p.as_path())));

@@ -99,7 +99,7 @@ impl TexelLevel {
         let known = if ringed { ring } else { area };
         let extent = known.blocks();
         let heights = extent.lo[2]..extent.hi[2];
-        let looks = ringed && !hints.is_empty();
+        let looks = ringed && samples.has_solid();
         let columns = block_columns(&extent)
             .into_par_iter()
             .map(|(x, y)| {

@@ -18,6 +18,7 @@ use super::error::BuildError;
 use super::filter::{Level, Target};
 use super::finest::{Met, Sources, voxelise};
 use super::ground::{GroundGrid, Hints};
+use super::inside::Inside;
 use super::lattice::{CellBox, Lattice, Region, TreePlace};
 use super::nodes::{LevelNodes, NodeColumn, State, level_nodes, node_cube};
 use super::spill::{Reader, Writer};
@@ -122,7 +123,16 @@ impl Tile {
             .iter()
             .filter_map(|layer| GroundGrid::new(layer, lattice, &support).transpose())
             .collect::<Result<_, _>>()?;
-        let faces = terrain.faces.near(self.region.own.lo, &support)?;
+        let mut area = support;
+        if terrain.solid {
+            // What is inside is seen from all faces above and below.
+            (area.lo[2], area.hi[2]) = (i64::MIN, i64::MAX);
+        }
+        let faces = terrain.faces.near(self.region.own.lo, &area)?;
+        let inside = terrain.solid.then(|| {
+            let corners = faces.iter().map(|f| f.face.corners.map(|p| lattice.cells_of(p)));
+            Inside::new(&support, corners)
+        });
         let (mut level, met) = voxelise(&Sources {
             lattice: *lattice,
             region: self.region,
@@ -130,6 +140,7 @@ impl Tile {
             bottom: &|column| terrain.plan.bottom(column),
             materials: &terrain.faces.materials,
             faces: &faces,
+            inside: inside.as_ref(),
             by: terrain.voxelise,
             covers: terrain.filter.covers(),
         });

@@ -44,6 +44,8 @@ pub(crate) struct Terrain<'a> {
     pub(crate) chunk_log2: u8,
     pub(crate) filter: Filter,
     pub(crate) voxelise: Voxelise,
+    /// Whether the inside of closed meshes is solid.
+    pub(crate) solid: bool,
 }
 
 impl Terrain<'_> {

@@ -46,6 +46,9 @@ pub struct Args {
     /// Which voxels a triangle of a mesh leaves something in
     #[arg(long, value_enum, default_value_t)]
     pub voxelise: Voxelise,
+    /// Fill closed meshes: their inside is solid
+    #[arg(long)]
+    pub solid: bool,
 }
 
 /// Where samples lie.
@@ -97,6 +100,7 @@ impl Args {
             }),
             filter: self.filter,
             voxelise: self.voxelise,
+            solid: self.solid,
             force: self.force,
             threads: self.threads,
             memory: self.memory,

@@ -53,6 +53,7 @@ fn check(triangles: &[[DVec3; 3]], far: DVec3) {
             bottom: &|_| None,
             materials: &bins.materials,
             faces: &faces,
+            inside: None,
             by: Voxelise::Conservative,
             covers: false,
         });

@@ -405,3 +405,55 @@ fn thin_surfaces_have_fewer_voxels_and_stay_opaque() {
     };
     assert!(matches!(build(&other, &Silent), Err(BuildError::Exists(_))));
 }
+
+#[test]
+fn the_inside_of_closed_meshes_is_solid_at_every_level() {
+    let folder = tempfile::tempdir().unwrap();
+    // A box from 1 to 15 m on each axis, over several trees.
+    let corner = |k: usize| [k & 1, k >> 1 & 1, k >> 2].map(|b| [1.0, 15.0][b]);
+    let vertices = (0..8).map(corner).map(|[x, y, z]| format!("v {x} {y} {z}\n"));
+    let quads = ["1 3 4 2", "5 6 8 7", "1 2 6 5", "3 7 8 4", "1 5 7 3", "2 4 8 6"];
+    let text = vertices
+        .chain(quads.map(|q| format!("f {q}\n")))
+        .collect::<String>();
+    fs::write(folder.path().join("box.obj"), text).unwrap();
+    let lattice = Lattice {
+        voxel: 0.5,
+        depth: 1,
+        layout: SampleLayout::Centre,
+    };
+    let run = |solid, out: &str| {
+        let args = BuildArgs {
+            inputs: vec![folder.path().join("box.obj")],
+            voxel: Some(lattice.voxel),
+            tree_voxels: 16,
+            solid,
+            ..BuildArgs::new(folder.path().join(out))
+        };
+        let report = build(&args, &Silent).unwrap();
+        (Db::read(&args.out, lattice), report.surface_voxels)
+    };
+    let ((hollow, shell), (full, met)) = (run(false, "hollow"), run(true, "full"));
+    assert_eq!(shell, met, "what is inside is no surface");
+    assert!(full.constants > hollow.constants);
+    for mip in 0..=1 {
+        let cells = |from: i64, to: i64| {
+            let range = from >> mip..to >> mip;
+            let all = range.clone().flat_map(move |z| {
+                let range = range.clone();
+                range
+                    .clone()
+                    .flat_map(move |y| range.clone().map(move |x| [x, y, z]))
+            });
+            all.collect::<Vec<_>>()
+        };
+        for cell in cells(4, 28) {
+            assert_eq!(hollow.at(mip, cell), Default::default(), "{mip} {cell:?}");
+            assert_eq!(full.at(mip, cell).0[3], SOLID_ALPHA, "{mip} {cell:?}");
+        }
+        for cell in cells(-8, 40) {
+            let near = cell.iter().all(|c| (0..32 >> mip).contains(c));
+            assert!(near || full.at(mip, cell) == Default::default(), "{mip} {cell:?}");
+        }
+    }
+}

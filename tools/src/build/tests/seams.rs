@@ -104,6 +104,7 @@ fn constants_expand_to_what_bricks_would_store() {
                 bottom: &|c| plan.bottom(c),
                 materials: &bins.materials,
                 faces: &faces,
+                inside: None,
                 by: Voxelise::Conservative,
                 covers: filter.covers(),
             });
