@@ -68,6 +68,8 @@ pub struct CullResult {
     pub groups_culled: usize,
     /// Trees found outside of the frustum; not those of culled groups, which are not counted.
     pub trees_culled: usize,
+    /// Trees and groups in view that were left out because they are too small to be seen.
+    pub features_culled: usize,
     /// Whether `visible` is right for every ray. False if trees overlap or hide each other in a cycle, or if more than
     /// two thousand siblings cannot be parted by planes; those are then in order of distance.
     pub order_exact: bool,
@@ -81,6 +83,7 @@ impl CullResult {
         self.groups_visited = 0;
         self.groups_culled = 0;
         self.trees_culled = 0;
+        self.features_culled = 0;
         self.order_exact = true;
     }
 }
@@ -89,6 +92,7 @@ impl CullResult {
 #[derive(Debug, Default)]
 pub struct Culler {
     prefetch_margin: f64,
+    smallest_feature: f64,
     /// By tree id, the last frame it was visible, or `NEVER`.
     last_access: Vec<u64>,
     /// Nodes still to be visited, nearest last.
@@ -113,6 +117,13 @@ impl Culler {
     /// [`CullResult::soon_visible`]. 0 turns that off.
     pub fn set_prefetch_margin(&mut self, metres: f64) {
         self.prefetch_margin = metres;
+    }
+
+    /// From now on trees and groups in view that look narrower than so many pixels, wherever in their box one looks from,
+    /// are left out. Off at first, and with 0: many small trees side by side may be ground, and leaving them out a hole. For
+    /// scenes of things that stand apart.
+    pub fn set_smallest_feature(&mut self, pixels: f64) {
+        self.smallest_feature = pixels;
     }
 
     /// The last frame in which the tree was in [`CullResult::visible`].
@@ -172,11 +183,13 @@ impl Culler {
             forward: camera.forward,
             cut,
             margin: self.prefetch_margin,
+            smallest: self.smallest_feature * camera.pixel_size(),
             nearby,
             wanted: &mut result.wanted,
             groups_visited: 0,
             groups_culled: 0,
             trees_culled: 0,
+            features_culled: 0,
         };
         walk.look_at(0, walk.frustum.full_mask(), None, stack);
         while let Some(item) = stack.pop() {
@@ -201,12 +214,13 @@ impl Culler {
         result.groups_visited = walk.groups_visited;
         result.groups_culled = walk.groups_culled;
         result.trees_culled = walk.trees_culled;
+        result.features_culled = walk.features_culled;
         result
     }
 
-    /// Elements that fit without another allocation.
-    #[cfg(test)]
-    fn capacity(&self) -> usize {
+    /// Elements that fit without another allocation, over all scratch and the result: a frame after which it is what it was
+    /// before has allocated nothing (`tests/allocations.rs` counts).
+    pub fn capacity(&self) -> usize {
         self.last_access.capacity()
             + self.stack.capacity()
             + self.children.capacity()
@@ -227,11 +241,14 @@ struct Walk<'a> {
     forward: DVec3,
     cut: &'a Cut<'a>,
     margin: f64,
+    /// Width of the smallest thing to be seen, metres per metre of depth.
+    smallest: f64,
     nearby: &'a mut Vec<u32>,
     wanted: &'a mut Vec<VisibleTree>,
     groups_visited: usize,
     groups_culled: usize,
     trees_culled: usize,
+    features_culled: usize,
 }
 
 impl Walk<'_> {
@@ -257,6 +274,7 @@ impl Walk<'_> {
             self.nearby.len(),
             self.groups_culled,
             self.trees_culled,
+            self.features_culled,
         );
         children.for_each(|child| self.look_at(child, item.mask, None, out));
         let complete = (out[before.0..].iter()).all(|child| self.is_available(child.node));
@@ -276,7 +294,7 @@ impl Walk<'_> {
         }
         out.truncate(before.0);
         self.nearby.truncate(before.1);
-        (self.groups_culled, self.trees_culled) = (before.2, before.3);
+        (self.groups_culled, self.trees_culled, self.features_culled) = (before.2, before.3, before.4);
         trees.for_each(|tree| self.look_at(tree, item.mask, Some(beyond.max(0.0)), out));
         true
     }
@@ -352,6 +370,10 @@ impl Walk<'_> {
                 }
             }
         };
+        if self.smallest > 0.0 && self.is_too_small(&node.bounds) {
+            self.features_culled += 1;
+            return;
+        }
         let distance = node.bounds.distance_to_point(self.eye);
         out.push(Item {
             bounds: node.bounds,
@@ -360,6 +382,12 @@ impl Walk<'_> {
             mask,
             beyond,
         });
+    }
+
+    /// Whether a box is narrower than the smallest thing to be seen, whatever side it shows.
+    fn is_too_small(&self, bounds: &Aabb) -> bool {
+        let (nearest, _) = bounds.depth_range(self.eye, self.forward);
+        nearest > 0.0 && bounds.size().length() < self.smallest * nearest
     }
 
     /// Goes down from the culled nodes within the margin to their trees within the margin, as far as groups are not far.

@@ -7,6 +7,7 @@
 pub mod agreement;
 pub mod builder;
 pub mod caster;
+pub mod culler;
 mod filter_scenes;
 pub mod filters;
 mod scenes;
@@ -83,6 +84,12 @@ pub const SUITES: &[Suite] = &[
         about: "the GPU's pictures against the CPU reference's",
         draws: true,
         run: agreement::rows,
+    },
+    Suite {
+        name: "culler",
+        about: "culling and ordering, few and many trees in view",
+        draws: false,
+        run: culler::rows,
     },
     Suite {
         name: "filters",
