@@ -66,5 +66,5 @@ pub mod tree;
 
 pub use page::{LevelPage, PageKey, RootPage};
 pub use pager::{PageFault, Pager, PagerConfig, PagerStats};
-pub use store::{Fault, FolderStore, MemoryStore, Store};
+pub use store::{Fault, FolderStore, MemoryStore, ProceduralConfig, ProceduralError, ProceduralStore, Store};
 pub use tree::{Found, Stop, TreeState};

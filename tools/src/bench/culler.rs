@@ -34,7 +34,7 @@ const CASES: [Case; 2] = [
         view: "near",
         height: 260.0,
         fov: 60.0,
-        slope: 1.7,
+        slope: 1.5,
         sides: &[32, 64, 128, 256, 512],
     },
     Case {

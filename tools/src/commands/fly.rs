@@ -27,13 +27,15 @@ use crate::report::{FrameEntry, Percentiles, Report, Summary, peak_rss, per_ray}
 const ORBIT_SECONDS: f64 = 12.0;
 /// Frames where neither a number nor a rate is given.
 const DEFAULT_FRAMES: usize = 24;
+/// Trees whose headers are read at most to find out what is in them; of larger scenes the boxes must do.
+const HEADERS: usize = 4096;
 /// Frames that the overview shows at most.
 const OVERVIEW_FRAMES: usize = 240;
 
 /// Arguments of `brickfell fly`.
 #[derive(ClapArgs, Clone, Debug)]
 pub struct Args {
-    /// Folder of the terrain
+    /// Folder of the terrain, or `procedural:SEED?extent=METRES&voxel=METRES` for one that is made as it is flown over
     pub dir: PathBuf,
     /// Camera path, JSON: `{"keys":[{"t":0,"eye":[x,y,z],"target":[x,y,z]},…]}`; without it an orbit
     #[arg(long, value_name = "FILE")]
@@ -176,6 +178,9 @@ fn prepare_folder(folder: &Path) -> Result<(), CommandError> {
 
 /// The box of what the trees' headers say is in them (their surface voxels), where they say it.
 fn data_bounds(store: &dyn Store, trees: &[String]) -> Option<Aabb> {
+    if trees.len() > HEADERS {
+        return None;
+    }
     trees
         .iter()
         .filter_map(|name| read_header(store, name).ok())
