@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 
 use brickfell_formats::bricks::brick_file_name;
 
-use crate::exchange::{Exchange, Job, Order};
+use crate::exchange::{Exchange, Job, Limits, Order};
 use crate::load::{LoadError, Reader};
 use crate::page::{LevelPage, Page, RootPage};
 use crate::store::Store;
@@ -45,9 +45,9 @@ pub(crate) struct Loaders {
 
 impl Loaders {
     /// Starts the threads.
-    pub(crate) fn start(store: Arc<dyn Store>, threads: usize, limit: u64) -> Self {
+    pub(crate) fn start(store: Arc<dyn Store>, threads: usize, limits: Limits) -> Self {
         let threads = threads.max(1);
-        let loads = Arc::new(Loads::new(limit, threads));
+        let loads = Arc::new(Loads::new(limits, threads));
         let bytes_read = Arc::new(AtomicU64::new(0));
         let mut loaders = Self {
             loads,
@@ -120,7 +120,7 @@ fn load(loads: &Loads, job: Job<Work>, store: &dyn Store, bytes_read: &AtomicU64
         reserve: &|bytes| loads.reserve(job.handle, bytes),
         read_done: &|| loads.read_done(job.handle),
     };
-    match &job.work {
+    let page = match &job.work {
         Work::Root { file } => reader.root(file).map(|page| Page::Root(Arc::new(page))),
         Work::Level { file, root, level } => match &root.index {
             Some(index) => reader
@@ -142,5 +142,10 @@ fn load(loads: &Loads, job: Job<Work>, store: &dyn Store, bytes_read: &AtomicU64
                 None => Err(reader.fail(&name, format!("level {level} has no bricks"))),
             }
         }
+    }?;
+    // Whatever was expected: a page that the budget has no room for does not come in.
+    match loads.reserve(job.handle, page.memory()) {
+        true => Ok(page),
+        false => Err(LoadError::Outgrown(page.memory())),
     }
 }

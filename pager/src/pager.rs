@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use brickfell_culler::TreeId;
 use brickfell_formats::chunk::Chunk;
 
+use crate::exchange::Limits;
 use crate::loader::Loaders;
 use crate::lru::Lru;
 use crate::page::{Page, PageKey};
@@ -45,6 +46,23 @@ impl Default for PagerConfig {
     }
 }
 
+/// The part of the budget that only roots may use, and that is cleared at once for what is queued: 1 / this. So the high
+/// mark, up to which other pages are loaded, is the budget less one such part, and the low mark, down to which pages are
+/// evicted, is the budget less two.
+const PARTS: u64 = 16;
+
+/// The part of the budget that may be taken by what comes ahead of its use: 1 / this.
+const AHEAD_PART: u64 = 8;
+
+impl PagerConfig {
+    pub(crate) fn limits(&self) -> Limits {
+        Limits {
+            all: self.budget_bytes,
+            usual: self.budget_bytes - self.budget_bytes / PARTS,
+        }
+    }
+}
+
 /// A page that was given up.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PageFault {
@@ -60,13 +78,40 @@ impl fmt::Display for PageFault {
     }
 }
 
+/// Bytes by what they are there for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LoadedBytes {
+    /// Root pages, without which nothing of a tree is shown.
+    pub roots: u64,
+    /// Levels: what says which nodes there are, and where their bricks are.
+    pub levels: u64,
+    /// Chunks of bricks.
+    pub chunks: u64,
+    /// Pages of any kind that were wanted ahead of their use when they came.
+    pub ahead: u64,
+}
+
 /// What the pager holds and did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PagerStats {
     /// Bytes of resident pages.
     pub resident_bytes: u64,
-    /// Most bytes ever held: resident, ready, under way by estimate, and evicted but not yet dropped.
+    /// Of those, roots of trees in use.
+    pub pinned_bytes: u64,
+    /// Of those, other pages that the last frame used.
+    pub used_bytes: u64,
+    /// Of those, pages that came ahead of their use and were not used yet.
+    pub ahead_bytes: u64,
+    /// Bytes of loads under way by estimate, and of finished ones that wait.
+    pub arriving_bytes: u64,
+    /// Bytes of evicted pages that are not dropped yet.
+    pub leaving_bytes: u64,
+    /// Most bytes ever held: resident, ready, under way by estimate, evicted but not yet dropped, and the queue.
     pub peak_bytes: u64,
+    /// Pages asked for that were not known, each time.
+    pub requested: u64,
+    /// Bytes of pages published, by what they were wanted for.
+    pub loaded_bytes: LoadedBytes,
     /// Bytes read from the store.
     pub bytes_read: u64,
     /// Pages published.
@@ -115,7 +160,9 @@ struct Demand {
 
 #[derive(Debug, Default)]
 struct Counters {
+    requested: u64,
     loads: u64,
+    loaded_bytes: LoadedBytes,
     cancelled: u64,
     evicted: u64,
     failed: u64,
@@ -151,6 +198,8 @@ pub struct Pager {
     pinned_bytes: u64,
     /// Of those, other pages stamped in this tick.
     used_bytes: u64,
+    /// Of those, pages that came ahead of their use and were not used yet.
+    ahead_bytes: u64,
     demand: Demand,
     counters: Counters,
 }
@@ -167,7 +216,7 @@ impl Pager {
         };
         Self {
             config,
-            loaders: Loaders::start(store, config.threads, config.budget_bytes),
+            loaders: Loaders::start(store, config.threads, config.limits()),
             trees: trees.into_iter().map(tree).collect(),
             table: Table::default(),
             chunks: Lru::default(),
@@ -183,6 +232,7 @@ impl Pager {
             resident_bytes: 0,
             pinned_bytes: 0,
             used_bytes: 0,
+            ahead_bytes: 0,
             demand: Demand::default(),
             counters: Counters::default(),
         }
@@ -211,13 +261,62 @@ impl Pager {
         };
         let Some(state) = entry.state.clone() else {
             self.acquire(tree);
-            return self.want(PageKey::Root(tree), priority);
+            return self.want(PageKey::Root(tree), priority, false);
         };
         let level = key.level();
         if level > state.root.header.depth {
             return;
         }
         self.use_levels(tree, level);
+        self.want_missing(key, &state, priority, false);
+    }
+
+    /// Asks for a page that will be wanted soon. It loads after all that is wanted now, as far as what has come ahead of its use
+    /// and was not used yet takes no more than an eighth of the budget; it neither pins nor pushes out anything in use, and
+    /// counts for no demand. For a page that is there this does nothing.
+    pub fn prefetch(&mut self, key: PageKey, priority: f64) {
+        let key = key.holder();
+        let tree = key.tree();
+        let Some(entry) = self.trees.get(tree.0 as usize) else {
+            return;
+        };
+        match entry.state.clone() {
+            None => self.want(PageKey::Root(tree), priority, true),
+            Some(state) if key.level() <= state.root.header.depth => {
+                self.want_missing(key, &state, priority, true);
+            }
+            Some(_) => {}
+        }
+    }
+
+    /// Asks for the levels of a tree down to the one whose voxels are as wide as a pixel, `footprint` metres, at the nearest
+    /// point of its box: what a ray that gets there will need first. All at once, since each is read by itself.
+    pub fn request_levels(&mut self, tree: TreeId, footprint: f64, priority: f64) {
+        match self.level_for(tree, footprint) {
+            Some(level) => self.request(PageKey::Level { tree, level }, priority),
+            None => self.request(PageKey::Root(tree), priority),
+        }
+    }
+
+    /// As [`Pager::request_levels`], ahead of use.
+    pub fn prefetch_levels(&mut self, tree: TreeId, footprint: f64, priority: f64) {
+        match self.level_for(tree, footprint) {
+            Some(level) => self.prefetch(PageKey::Level { tree, level }, priority),
+            None => self.prefetch(PageKey::Root(tree), priority),
+        }
+    }
+
+    /// The coarsest level whose voxels are not wider than a footprint, or the deepest; `None` while the root is not there.
+    fn level_for(&self, tree: TreeId, footprint: f64) -> Option<u8> {
+        let header = &self.tree(tree)?.root.header;
+        let octaves = (header.level_voxel_size(0) / footprint).log2().ceil();
+        // A footprint of zero wants the deepest level, one that is not a number none.
+        Some(octaves.clamp(0.0, f64::from(header.depth)) as u8)
+    }
+
+    /// Asks for a page of a tree whose root is there, and for the levels above that are missing.
+    fn want_missing(&mut self, key: PageKey, state: &TreeState, priority: f64, ahead: bool) {
+        let (tree, level) = (key.tree(), key.level());
         for l in 1..=level {
             let key = PageKey::Level { tree, level: l };
             if state.level(l).is_none() {
@@ -228,7 +327,7 @@ impl Pager {
                 {
                     return;
                 }
-                self.want(key, priority);
+                self.want(key, priority, ahead);
             }
         }
         if let (PageKey::Chunk { chunk, .. }, Some(page)) = (key, state.level(level))
@@ -237,7 +336,7 @@ impl Pager {
                 .as_ref()
                 .is_some_and(|b| (chunk as usize) < b.chunks.len())
         {
-            self.want(key, priority);
+            self.want(key, priority, ahead);
         }
     }
 
@@ -325,7 +424,14 @@ impl Pager {
         let held = self.arriving.iter().filter(|h| self.is_ready(**h)).count();
         PagerStats {
             resident_bytes: self.resident_bytes,
+            pinned_bytes: self.pinned_bytes,
+            used_bytes: self.used_bytes,
+            ahead_bytes: self.ahead_bytes,
+            arriving_bytes: status.arriving_bytes,
+            leaving_bytes: status.leaving_bytes,
             peak_bytes: status.peak,
+            requested: self.counters.requested,
+            loaded_bytes: self.counters.loaded_bytes,
             bytes_read: self.loaders.bytes_read.load(Ordering::Relaxed),
             loads: self.counters.loads,
             cancelled: self.counters.cancelled,
