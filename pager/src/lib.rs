@@ -52,6 +52,7 @@
 mod exchange;
 mod load;
 mod loader;
+mod lookahead;
 mod lru;
 pub mod page;
 mod pager;
@@ -65,6 +66,7 @@ mod table;
 mod testing;
 pub mod tree;
 
+pub use lookahead::Lookahead;
 pub use page::{LevelPage, PageKey, RootPage};
 pub use pager::{LoadedBytes, PageFault, Pager, PagerConfig, PagerStats};
 pub use store::{Fault, FolderStore, MemoryStore, ProceduralConfig, ProceduralError, ProceduralStore, Store};

@@ -290,11 +290,17 @@ impl Pager {
     }
 
     /// Asks for the levels of a tree down to the one whose voxels are as wide as a pixel, `footprint` metres, at the nearest
-    /// point of its box: what a ray that gets there will need first. All at once, since each is read by itself.
-    pub fn request_levels(&mut self, tree: TreeId, footprint: f64, priority: f64) {
-        match self.level_for(tree, footprint) {
-            Some(level) => self.request(PageKey::Level { tree, level }, priority),
-            None => self.request(PageKey::Root(tree), priority),
+    /// point of its box: what a ray that gets there will need first. All at once, since each is read by itself; `priority`
+    /// says how urgent a level is.
+    pub fn request_levels(&mut self, tree: TreeId, footprint: f64, priority: impl Fn(u8) -> f64) {
+        let Some(deepest) = self.level_for(tree, footprint) else {
+            return self.request(PageKey::Root(tree), priority(0));
+        };
+        // The deepest one keeps or asks for those above it; one that is missing is as urgent as it is itself.
+        let is_there = |level: &u8| self.tree(tree).is_some_and(|t| t.level(*level).is_some());
+        let first = (0..deepest).find(|level| !is_there(level)).unwrap_or(deepest);
+        for level in first..=deepest {
+            self.request(PageKey::Level { tree, level }, priority(level));
         }
     }
 

@@ -10,6 +10,7 @@ pub mod caster;
 pub mod culler;
 mod filter_scenes;
 pub mod filters;
+pub mod pager;
 mod scenes;
 pub mod truth;
 
@@ -96,6 +97,18 @@ pub const SUITES: &[Suite] = &[
         about: "error and memory of the builder's filters, against the truth",
         draws: false,
         run: filters::rows,
+    },
+    Suite {
+        name: "pager",
+        about: "flights over a procedural terrain: memory, reading, and how long until it is sharp",
+        draws: false,
+        run: pager::rows,
+    },
+    Suite {
+        name: "pager-growth",
+        about: "one view on terrains of 1, 10 and 100 times the area",
+        draws: false,
+        run: pager::growth,
     },
     Suite {
         name: "truth",

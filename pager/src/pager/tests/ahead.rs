@@ -199,7 +199,7 @@ fn levels_are_asked_for_down_to_the_footprint_and_all_at_once() {
         flight.settle(&[(root(0), 0.0)]);
         flight.frame += 1;
         flight.pager.merge(flight.frame);
-        flight.pager.request_levels(TreeId(0), footprint, 0.0);
+        flight.pager.request_levels(TreeId(0), footprint, f64::from);
         flight.pager.submit();
         while !flight.pager.is_idle() {
             flight.pager.wait_for_progress(std::time::Duration::from_secs(20));
@@ -210,7 +210,7 @@ fn levels_are_asked_for_down_to_the_footprint_and_all_at_once() {
         assert_eq!(there, deepest + 1, "{footprint}");
     }
     flight.pager.merge(1);
-    flight.pager.request_levels(TreeId(0), 1.0, 0.0);
+    flight.pager.request_levels(TreeId(0), 1.0, f64::from);
     flight.pager.submit();
     assert_eq!(flight.pager.stats().requested, 1, "the root first");
 }
