@@ -56,7 +56,7 @@ mod lookahead;
 mod lru;
 pub mod page;
 mod pager;
-mod queue;
+pub mod queue;
 #[cfg(test)]
 mod shuttle_tests;
 pub mod store;

@@ -114,6 +114,8 @@ pub struct PagerStats {
     pub loaded_bytes: LoadedBytes,
     /// Bytes read from the store.
     pub bytes_read: u64,
+    /// Nanoseconds in which loaders verified and decoded chunks, all together.
+    pub decode_nanos: u64,
     /// Pages published.
     pub loads: u64,
     /// Requests that left the queue before a loader took them.
@@ -438,7 +440,8 @@ impl Pager {
             peak_bytes: status.peak,
             requested: self.counters.requested,
             loaded_bytes: self.counters.loaded_bytes,
-            bytes_read: self.loaders.bytes_read.load(Ordering::Relaxed),
+            bytes_read: self.loaders.meters.bytes_read.load(Ordering::Relaxed),
+            decode_nanos: self.loaders.meters.decode_nanos.load(Ordering::Relaxed),
             loads: self.counters.loads,
             cancelled: self.counters.cancelled,
             evicted: self.counters.evicted,

@@ -111,6 +111,12 @@ pub const SUITES: &[Suite] = &[
         run: pager::growth,
     },
     Suite {
+        name: "pager-rates",
+        about: "what the pager's parts cost: queue, frame, reading, shutdown",
+        draws: false,
+        run: pager::rates::rows,
+    },
+    Suite {
         name: "truth",
         about: "time against error: pictures against the truth from the input",
         draws: true,

@@ -22,6 +22,7 @@ use crate::flight::Flight;
 use crate::holes::count_holes;
 use crate::picture_file::{Image, over_sky, save_overview};
 use crate::report::{FrameEntry, Percentiles, Report, Summary, peak_rss, per_ray};
+use crate::trace::Trace;
 
 /// Seconds of the orbit that is flown without a path.
 const ORBIT_SECONDS: f64 = 12.0;
@@ -52,6 +53,9 @@ pub struct Args {
     /// Folder for frames, overview and report
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Write what culler and pager did in each frame: a trace for Perfetto, chrome://tracing and `brickfell stats`
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
     /// Picture, budgets, light
     #[command(flatten)]
     pub view: ViewArgs,
@@ -78,6 +82,7 @@ struct Flying<'a> {
     /// Alphas of settled pictures, for the count of holes.
     pictures: Vec<Picture>,
     counters: RayCounters,
+    trace: Option<Trace>,
     bar: ProgressBar,
 }
 
@@ -102,6 +107,10 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     };
     let trees_total = terrain.trees.len();
     prepare_folder(&args.out)?;
+    let trace = match &args.trace {
+        Some(file) => Some(Trace::create(file).map_err(|e| file_error(file, e))?),
+        None => None,
+    };
     let renderer = Renderer::new(open_gpu()?, Arc::clone(&store), terrain, args.view.config())?;
     let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} frames, {eta} left");
     let bar = ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
@@ -115,6 +124,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         images: Vec::new(),
         pictures: Vec::new(),
         counters: RayCounters::default(),
+        trace,
         bar,
     };
     let start = Instant::now();
@@ -122,6 +132,9 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         flying.fly_settled()?
     } else {
         flying.fly_real_time()?
+    }
+    if let (Some(trace), Some(file)) = (flying.trace.take(), &args.trace) {
+        trace.finish().map_err(|e| file_error(file, e))?;
     }
     let mut report = flying.report(start.elapsed().as_secs_f64(), trees_total);
     if args.settle {
@@ -280,6 +293,12 @@ impl Flying<'_> {
         image.save(&file).map_err(|e| file_error(&file, e))?;
         if self.images.len() < OVERVIEW_FRAMES {
             self.images.push(image);
+        }
+        if let (Some(trace), Some(file)) = (&mut self.trace, &self.args.trace) {
+            let (stats, faults) = (self.renderer.pager_stats(), self.renderer.faults());
+            // In real time only who waited knows how long the device took.
+            let report = FrameReport { frame_ms, ..*report };
+            (trace.frame(&report, &stats, faults)).map_err(|e| file_error(file, e))?;
         }
         let feedback = self.renderer.feedback();
         let c = &feedback.counters;

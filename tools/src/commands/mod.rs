@@ -14,6 +14,7 @@ pub mod fly;
 pub mod info;
 pub mod input_args;
 pub mod render;
+pub mod stats;
 pub mod view_args;
 
 use std::fmt;

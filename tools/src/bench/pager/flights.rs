@@ -15,7 +15,7 @@ const ABOVE: f64 = 25.0;
 pub(super) enum Kind {
     /// Along a line, metres per second.
     Straight(f64),
-    /// Twice around on the spot.
+    /// Twice around on the spot, at whatever pace.
     Spin,
     /// At 50 m/s, then at once to the other side of the terrain.
     Teleport,

@@ -5,6 +5,7 @@
 //! flight in real time sees depends on how fast it goes.
 
 mod flights;
+pub mod rates;
 mod rays;
 mod world;
 
@@ -29,7 +30,9 @@ const BUDGET: u64 = 96 << 20;
 /// On the spot, so that all around fits.
 const SPIN_BUDGET: u64 = 384 << 20;
 /// Frames per second.
-const RATE: f64 = 20.0;
+const RATE: f64 = 30.0;
+/// Headings of a turn on the spot.
+const HEADINGS: u32 = 24;
 /// How long a camera at rest is waited for.
 const PATIENCE: Duration = Duration::from_secs(120);
 /// Frames at rest in which nothing may be loaded.
@@ -116,8 +119,8 @@ struct Measured {
     settled_ms: f64,
     merge_ms: Vec<f64>,
     loads_at_rest: u64,
-    /// Bytes read in the second half of the motion.
-    second_half_bytes: u64,
+    /// Bytes read in the second of two turns on the spot.
+    second_turn_bytes: Option<u64>,
     /// Of the first ten pages that came after a jump, those of trees in the new view.
     first_in_view: Option<usize>,
     extra_bias: f64,
@@ -162,8 +165,10 @@ impl Pilot<'_> {
     }
 
     fn fly(&mut self) -> Result<(), CommandError> {
+        if self.flight.kind == Kind::Spin {
+            return self.turn_twice();
+        }
         let start = Instant::now();
-        let mut halfway = None;
         let mut jump = self.flight.jump();
         // Pages still to come of the old view, pages of the new one so far, and how many of them are in view.
         let mut after: Option<(usize, usize, usize)> = None;
@@ -186,16 +191,31 @@ impl Pilot<'_> {
                     }
                 }
             }
-            if t >= self.flight.seconds / 2.0 {
-                halfway.get_or_insert(self.world.pager.stats().bytes_read);
-            }
             if t >= self.flight.seconds {
                 break;
             }
         }
-        let read = self.world.pager.stats().bytes_read;
-        self.measured.second_half_bytes = read - halfway.unwrap_or(read);
         self.measured.first_in_view = after.map(|(_, _, seen)| seen);
+        Ok(())
+    }
+
+    /// Turns around twice, from heading to heading once all of the last one is there: what has been seen is to be kept.
+    fn turn_twice(&mut self) -> Result<(), CommandError> {
+        let mut first_turn = 0;
+        for k in 0..=2 * HEADINGS {
+            if k == HEADINGS {
+                first_turn = self.world.pager.stats().bytes_read;
+            }
+            let start = Instant::now();
+            loop {
+                let frame = self.frame(self.flight.seconds * f64::from(k) / f64::from(2 * HEADINGS))?;
+                let all_there = frame.published.is_empty() && frame.look.lacked == 0 && frame.waiting == 0;
+                if all_there && self.world.pager.is_idle() || start.elapsed() > PATIENCE {
+                    break;
+                }
+            }
+        }
+        self.measured.second_turn_bytes = Some(self.world.pager.stats().bytes_read - first_turn);
         Ok(())
     }
 
@@ -264,7 +284,6 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
             measured: Measured::default(),
         };
         let (_, sharp_warm) = again.stand(0.0)?;
-        let spin = (flight.kind == Kind::Spin).then_some(m.second_half_bytes);
         rows.push(row(json!({
             "flight": flight.name,
             "terrain_bytes": terrain_bytes,
@@ -280,7 +299,7 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
             "settled_ms": m.settled_ms,
             "merge_cull_p99_ms": Percentiles::of(m.merge_ms.iter().copied()).p99,
             "loads_at_rest": m.loads_at_rest,
-            "second_turn_bytes": spin.map_or(Value::Null, Value::from),
+            "second_turn_bytes": m.second_turn_bytes.map_or(Value::Null, Value::from),
             "first_10_in_view": m.first_in_view.map_or(Value::Null, Value::from),
             "extra_bias": m.extra_bias,
         }))?);
