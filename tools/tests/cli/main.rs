@@ -16,4 +16,5 @@ mod convert;
 mod fly;
 mod info;
 mod inputs;
+mod paging;
 mod rasters;
