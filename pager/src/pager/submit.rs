@@ -141,7 +141,9 @@ impl Pager {
         let limits = self.config.limits();
         let mut room = limits.all.saturating_sub(taken);
         let reserve = limits.all - limits.usual;
-        let mut ahead_room = (limits.all / AHEAD_PART).saturating_sub(self.ahead_bytes);
+        let under_way = self.arriving.iter().filter_map(|h| self.table.get(h.slot));
+        let coming: u64 = under_way.filter(|s| s.ahead).map(|s| s.bytes).sum();
+        let mut ahead_room = (limits.all / AHEAD_PART).saturating_sub(self.ahead_bytes + coming);
         let before = wanted.len();
         wanted.sort_unstable_by_key(|(urgency, _)| *urgency);
         let mut missing: HashMap<TreeId, u8> = HashMap::new();
