@@ -46,7 +46,7 @@ unsafe impl GlobalAlloc for Counting {
 static ALLOCATOR: Counting = Counting;
 
 /// A quadtree of groups over 64 × 64 trees, with coarse trees in all groups but the root.
-fn scene() -> SceneGraph {
+fn scene() -> Result<SceneGraph, Box<dyn std::error::Error>> {
     let mut builder = SceneGraph::builder();
     let mut open = vec![(GroupId::ROOT, DVec3::ZERO, 64.0)];
     let mut next = 0;
@@ -54,25 +54,23 @@ fn scene() -> SceneGraph {
         for k in 0..4 {
             let half = size / 2.0;
             let low = low + dvec3(f64::from(k % 2), f64::from(k / 2), 0.0) * half;
-            let bounds = Aabb::new(low, low + dvec3(half, half, 1.0)).unwrap();
+            let bounds = Aabb::new(low, low + dvec3(half, half, 1.0))?;
             if half == 1.0 {
-                builder.add_tree(Some(group), TreeId(next), bounds).unwrap();
+                builder.add_tree(Some(group), TreeId(next), bounds)?;
             } else {
-                let inner = builder.add_group(Some(group)).unwrap();
-                builder
-                    .add_coarse(inner, TreeId(next), bounds, half / 16.0)
-                    .unwrap();
+                let inner = builder.add_group(Some(group))?;
+                builder.add_coarse(inner, TreeId(next), bounds, half / 16.0)?;
                 open.push((inner, low, half));
             }
             next += 1;
         }
     }
-    builder.finish()
+    Ok(builder.finish())
 }
 
 #[test]
 fn frames_allocate_nothing_once_they_have_been_flown() {
-    let scene = scene();
+    let scene = scene().unwrap();
     let mut culler = Culler::new();
     let mut expiry = Expiry::default();
     culler.set_prefetch_margin(5.0);

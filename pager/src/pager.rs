@@ -1,14 +1,17 @@
 //! The pager as the render thread sees it. See the crate for the order of calls.
 
+mod ask;
 mod merge;
+mod stats;
 mod submit;
 #[cfg(test)]
 mod tests;
 mod usage;
 
+pub use stats::{LoadedBytes, PagerStats};
+
 use std::fmt;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use brickfell_culler::TreeId;
@@ -76,64 +79,6 @@ impl fmt::Display for PageFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.message)
     }
-}
-
-/// Bytes by what they are there for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LoadedBytes {
-    /// Root pages, without which nothing of a tree is shown.
-    pub roots: u64,
-    /// Levels: what says which nodes there are, and where their bricks are.
-    pub levels: u64,
-    /// Chunks of bricks.
-    pub chunks: u64,
-    /// Pages of any kind that were wanted ahead of their use when they came.
-    pub ahead: u64,
-}
-
-/// What the pager holds and did.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PagerStats {
-    /// Bytes of resident pages.
-    pub resident_bytes: u64,
-    /// Of those, roots of trees in use.
-    pub pinned_bytes: u64,
-    /// Of those, other pages that the last frame used.
-    pub used_bytes: u64,
-    /// Of those, pages that came ahead of their use and were not used yet.
-    pub ahead_bytes: u64,
-    /// Bytes of loads under way by estimate, and of finished ones that wait.
-    pub arriving_bytes: u64,
-    /// Bytes of evicted pages that are not dropped yet.
-    pub leaving_bytes: u64,
-    /// Most bytes ever held: resident, ready, under way by estimate, evicted but not yet dropped, and the queue.
-    pub peak_bytes: u64,
-    /// Pages asked for that were not known, each time.
-    pub requested: u64,
-    /// Bytes of pages published, by what they were wanted for.
-    pub loaded_bytes: LoadedBytes,
-    /// Bytes read from the store.
-    pub bytes_read: u64,
-    /// Nanoseconds in which loaders verified and decoded chunks, all together.
-    pub decode_nanos: u64,
-    /// Pages published.
-    pub loads: u64,
-    /// Requests that left the queue before a loader took them.
-    pub cancelled: u64,
-    /// Pages evicted.
-    pub evicted: u64,
-    /// Pages given up.
-    pub failed: u64,
-    /// Pages in the queue.
-    pub queued: usize,
-    /// Pages asked for in the last frame for which the budget has no room.
-    pub deferred: usize,
-    /// Pages under way.
-    pub loading: usize,
-    /// Pages loaded, to be taken by the next merge.
-    pub ready: usize,
-    /// Pages loaded that wait for their parents.
-    pub held: usize,
 }
 
 /// A tree of the scene.
@@ -252,102 +197,6 @@ impl Pager {
         &self.published
     }
 
-    /// Asks for a page in this frame; smaller priorities load first, and the smallest of several counts. Parents that are
-    /// missing are asked for too, with the same priority. A chunk, or a level, whose parents are not resident yet must be
-    /// asked for again once they are. Asking for a resident page is a touch; for a page that does not exist, nothing.
-    pub fn request(&mut self, key: PageKey, priority: f64) {
-        let key = key.holder();
-        let tree = key.tree();
-        let Some(entry) = self.trees.get(tree.0 as usize) else {
-            return;
-        };
-        let Some(state) = entry.state.clone() else {
-            self.acquire(tree);
-            return self.want(PageKey::Root(tree), priority, false);
-        };
-        let level = key.level();
-        if level > state.root.header.depth {
-            return;
-        }
-        self.use_levels(tree, level);
-        self.want_missing(key, &state, priority, false);
-    }
-
-    /// Asks for a page that will be wanted soon. It loads after all that is wanted now, as far as what has come ahead of its use
-    /// and was not used yet takes no more than an eighth of the budget; it neither pins nor pushes out anything in use, and
-    /// counts for no demand. For a page that is there this does nothing.
-    pub fn prefetch(&mut self, key: PageKey, priority: f64) {
-        let key = key.holder();
-        let tree = key.tree();
-        let Some(entry) = self.trees.get(tree.0 as usize) else {
-            return;
-        };
-        match entry.state.clone() {
-            None => self.want(PageKey::Root(tree), priority, true),
-            Some(state) if key.level() <= state.root.header.depth => {
-                self.want_missing(key, &state, priority, true);
-            }
-            Some(_) => {}
-        }
-    }
-
-    /// Asks for the levels of a tree down to the one whose voxels are as wide as a pixel, `footprint` metres, at the nearest
-    /// point of its box: what a ray that gets there will need first. All at once, since each is read by itself; `priority`
-    /// says how urgent a level is.
-    pub fn request_levels(&mut self, tree: TreeId, footprint: f64, priority: impl Fn(u8) -> f64) {
-        let Some(deepest) = self.level_for(tree, footprint) else {
-            return self.request(PageKey::Root(tree), priority(0));
-        };
-        // The deepest one keeps or asks for those above it; one that is missing is as urgent as it is itself.
-        let is_there = |level: &u8| self.tree(tree).is_some_and(|t| t.level(*level).is_some());
-        let first = (0..deepest).find(|level| !is_there(level)).unwrap_or(deepest);
-        for level in first..=deepest {
-            self.request(PageKey::Level { tree, level }, priority(level));
-        }
-    }
-
-    /// As [`Pager::request_levels`], ahead of use.
-    pub fn prefetch_levels(&mut self, tree: TreeId, footprint: f64, priority: f64) {
-        match self.level_for(tree, footprint) {
-            Some(level) => self.prefetch(PageKey::Level { tree, level }, priority),
-            None => self.prefetch(PageKey::Root(tree), priority),
-        }
-    }
-
-    /// The coarsest level whose voxels are not wider than a footprint, or the deepest; `None` while the root is not there.
-    fn level_for(&self, tree: TreeId, footprint: f64) -> Option<u8> {
-        let header = &self.tree(tree)?.root.header;
-        let octaves = (header.level_voxel_size(0) / footprint).log2().ceil();
-        // A footprint of zero wants the deepest level, one that is not a number none.
-        Some(octaves.clamp(0.0, f64::from(header.depth)) as u8)
-    }
-
-    /// Asks for a page of a tree whose root is there, and for the levels above that are missing.
-    fn want_missing(&mut self, key: PageKey, state: &TreeState, priority: f64, ahead: bool) {
-        let (tree, level) = (key.tree(), key.level());
-        for l in 1..=level {
-            let key = PageKey::Level { tree, level: l };
-            if state.level(l).is_none() {
-                if self
-                    .table
-                    .by_key(key)
-                    .is_some_and(|s| matches!(s.state, State::GivenUp))
-                {
-                    return;
-                }
-                self.want(key, priority, ahead);
-            }
-        }
-        if let (PageKey::Chunk { chunk, .. }, Some(page)) = (key, state.level(level))
-            && page
-                .bricks
-                .as_ref()
-                .is_some_and(|b| (chunk as usize) < b.chunks.len())
-        {
-            self.want(key, priority, ahead);
-        }
-    }
-
     /// Says that a page is used in this frame, so that it and its parents are kept.
     pub fn touch(&mut self, key: PageKey) {
         let key = key.holder();
@@ -423,34 +272,6 @@ impl Pager {
         if let Some((slot, bytes)) = self.resident_root(tree) {
             self.pinned_bytes -= bytes;
             self.levels.touch(slot);
-        }
-    }
-
-    /// Counts of this moment.
-    pub fn stats(&self) -> PagerStats {
-        let status = self.loaders.loads.status();
-        let held = self.arriving.iter().filter(|h| self.is_ready(**h)).count();
-        PagerStats {
-            resident_bytes: self.resident_bytes,
-            pinned_bytes: self.pinned_bytes,
-            used_bytes: self.used_bytes,
-            ahead_bytes: self.ahead_bytes,
-            arriving_bytes: status.arriving_bytes,
-            leaving_bytes: status.leaving_bytes,
-            peak_bytes: status.peak,
-            requested: self.counters.requested,
-            loaded_bytes: self.counters.loaded_bytes,
-            bytes_read: self.loaders.meters.bytes_read.load(Ordering::Relaxed),
-            decode_nanos: self.loaders.meters.decode_nanos.load(Ordering::Relaxed),
-            loads: self.counters.loads,
-            cancelled: self.counters.cancelled,
-            evicted: self.counters.evicted,
-            failed: self.counters.failed,
-            queued: status.queued,
-            deferred: self.demand.deferred,
-            loading: status.loading,
-            ready: status.ready,
-            held,
         }
     }
 

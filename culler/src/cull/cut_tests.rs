@@ -2,9 +2,9 @@
 
 use super::order_tests::misordered;
 use super::*;
-use crate::scene::GroupId;
+use crate::scene::{GroupId, NodeKind};
 use crate::testing::{Random, random_camera};
-use glam::dvec3;
+use glam::{DVec3, dvec3};
 use std::cell::RefCell;
 use std::collections::HashSet;
 

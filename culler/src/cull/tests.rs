@@ -4,7 +4,7 @@ use super::*;
 use crate::scene::GroupId;
 use crate::testing::scenes::{overlapping_groups, quadtree, regular_grid};
 use crate::testing::{Random, box_meets_pyramid, random_camera};
-use glam::dvec3;
+use glam::{DVec3, dvec3};
 
 #[test]
 fn lists_what_meets_the_frustum_and_prefetches_by_margin() {
