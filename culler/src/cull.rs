@@ -8,10 +8,10 @@
 
 use crate::bounds::Aabb;
 use crate::camera::Camera;
-use crate::frustum::{Containment, Frustum, PlaneMask};
-use crate::scene::{Node, NodeKind, SceneGraph, TreeId};
+use crate::frustum::Frustum;
+use crate::scene::{SceneGraph, TreeId};
 use crate::sort::{Item, Sorter};
-use glam::DVec3;
+use walk::Walk;
 
 /// A tree that is in view or soon may be.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,6 +68,8 @@ pub struct CullResult {
     pub groups_culled: usize,
     /// Trees found outside of the frustum; not those of culled groups, which are not counted.
     pub trees_culled: usize,
+    /// Trees and groups in view that were left out because they are too small to be seen.
+    pub features_culled: usize,
     /// Whether `visible` is right for every ray. False if trees overlap or hide each other in a cycle, or if more than
     /// two thousand siblings cannot be parted by planes; those are then in order of distance.
     pub order_exact: bool,
@@ -81,6 +83,7 @@ impl CullResult {
         self.groups_visited = 0;
         self.groups_culled = 0;
         self.trees_culled = 0;
+        self.features_culled = 0;
         self.order_exact = true;
     }
 }
@@ -89,6 +92,7 @@ impl CullResult {
 #[derive(Debug, Default)]
 pub struct Culler {
     prefetch_margin: f64,
+    smallest_feature: f64,
     /// By tree id, the last frame it was visible, or `NEVER`.
     last_access: Vec<u64>,
     /// Nodes still to be visited, nearest last.
@@ -113,6 +117,13 @@ impl Culler {
     /// [`CullResult::soon_visible`]. 0 turns that off.
     pub fn set_prefetch_margin(&mut self, metres: f64) {
         self.prefetch_margin = metres;
+    }
+
+    /// From now on trees and groups in view that look narrower than so many pixels, wherever in their box one looks from,
+    /// are left out. Off at first, and with 0: many small trees side by side may be ground, and leaving them out a hole. For
+    /// scenes of things that stand apart.
+    pub fn set_smallest_feature(&mut self, pixels: f64) {
+        self.smallest_feature = pixels;
     }
 
     /// The last frame in which the tree was in [`CullResult::visible`].
@@ -172,11 +183,13 @@ impl Culler {
             forward: camera.forward,
             cut,
             margin: self.prefetch_margin,
+            smallest: self.smallest_feature * camera.pixel_size(),
             nearby,
             wanted: &mut result.wanted,
             groups_visited: 0,
             groups_culled: 0,
             trees_culled: 0,
+            features_culled: 0,
         };
         walk.look_at(0, walk.frustum.full_mask(), None, stack);
         while let Some(item) = stack.pop() {
@@ -201,12 +214,13 @@ impl Culler {
         result.groups_visited = walk.groups_visited;
         result.groups_culled = walk.groups_culled;
         result.trees_culled = walk.trees_culled;
+        result.features_culled = walk.features_culled;
         result
     }
 
-    /// Elements that fit without another allocation.
-    #[cfg(test)]
-    fn capacity(&self) -> usize {
+    /// Elements that fit without another allocation, over all scratch and the result: a frame after which it is what it was
+    /// before has allocated nothing (`tests/allocations.rs` counts).
+    pub fn capacity(&self) -> usize {
         self.last_access.capacity()
             + self.stack.capacity()
             + self.children.capacity()
@@ -219,185 +233,10 @@ impl Culler {
     }
 }
 
-/// What the way down through the scene needs to know.
-struct Walk<'a> {
-    scene: &'a SceneGraph,
-    frustum: Frustum,
-    eye: DVec3,
-    forward: DVec3,
-    cut: &'a Cut<'a>,
-    margin: f64,
-    nearby: &'a mut Vec<u32>,
-    wanted: &'a mut Vec<VisibleTree>,
-    groups_visited: usize,
-    groups_culled: usize,
-    trees_culled: usize,
-}
-
-impl Walk<'_> {
-    /// Appends what a group is drawn by, as far as it is in view, and returns true; returns false for a tree.
-    fn expand(&mut self, item: &Item, out: &mut Vec<Item>) -> bool {
-        let group = &self.scene.nodes()[item.node as usize];
-        let NodeKind::Group {
-            first, count, coarse, ..
-        } = group.kind
-        else {
-            return false;
-        };
-        self.groups_visited += 1;
-        let (children, trees) = (first..first + count, first + count..first + count + coarse.count);
-        let readiness = self.coarse_readiness(item.node);
-        let beyond = self.beyond(group, coarse.voxel);
-        if readiness == Readiness::Ready && beyond >= 0.0 {
-            trees.for_each(|tree| self.look_at(tree, item.mask, Some(beyond), out));
-            return true;
-        }
-        let before = (
-            out.len(),
-            self.nearby.len(),
-            self.groups_culled,
-            self.trees_culled,
-        );
-        children.for_each(|child| self.look_at(child, item.mask, None, out));
-        let complete = (out[before.0..].iter()).all(|child| self.is_available(child.node));
-        let opened = match readiness {
-            Readiness::Failed => return true,
-            Readiness::Ready => complete,
-            Readiness::Awaited => complete || beyond < 0.0,
-        };
-        if opened {
-            trees.for_each(|tree| self.want(tree));
-            return true;
-        }
-        if readiness == Readiness::Ready {
-            for child in &out[before.0..] {
-                self.want_first(child.node);
-            }
-        }
-        out.truncate(before.0);
-        self.nearby.truncate(before.1);
-        (self.groups_culled, self.trees_culled) = (before.2, before.3);
-        trees.for_each(|tree| self.look_at(tree, item.mask, Some(beyond.max(0.0)), out));
-        true
-    }
-
-    /// log2 of the footprint at a group's nearest depth over a voxel.
-    fn beyond(&self, group: &Node, voxel: f64) -> f64 {
-        let (nearest, _) = group.bounds.depth_range(self.eye, self.forward);
-        (nearest.max(0.0) * self.cut.footprint / voxel).log2()
-    }
-
-    /// Of the coarse trees of a group together; without any they count as failed.
-    fn coarse_readiness(&self, group: u32) -> Readiness {
-        let mut all = Readiness::Failed;
-        for tree in self.scene.coarse(group) {
-            match (self.cut.readiness)(TreeId(self.scene.nodes()[tree as usize].id)) {
-                Readiness::Failed => return Readiness::Failed,
-                Readiness::Ready if all != Readiness::Awaited => all = Readiness::Ready,
-                _ => all = Readiness::Awaited,
-            }
-        }
-        all
-    }
-
-    /// Whether nothing of a group or tree has to be waited for before something can be drawn of it.
-    fn is_available(&self, index: u32) -> bool {
-        let node = &self.scene.nodes()[index as usize];
-        let readiness = match node.kind {
-            NodeKind::Group { .. } => self.coarse_readiness(index),
-            _ => (self.cut.readiness)(TreeId(node.id)),
-        };
-        readiness != Readiness::Awaited
-    }
-
-    /// Wants what a group or tree can be drawn by first.
-    fn want_first(&mut self, index: u32) {
-        match self.scene.nodes()[index as usize].kind {
-            NodeKind::Group { .. } => self.scene.coarse(index).for_each(|tree| self.want(tree)),
-            _ => self.want(index),
-        }
-    }
-
-    fn want(&mut self, index: u32) {
-        let node = &self.scene.nodes()[index as usize];
-        self.wanted.push(VisibleTree {
-            tree: TreeId(node.id),
-            bounds: node.bounds,
-            distance: node.bounds.distance_to_point(self.eye),
-            beyond: matches!(node.kind, NodeKind::Coarse).then_some(0.0),
-        });
-    }
-
-    /// Appends the node if it is in view.
-    fn look_at(&mut self, index: u32, mask: PlaneMask, beyond: Option<f64>, out: &mut Vec<Item>) {
-        let node = &self.scene.nodes()[index as usize];
-        if node.empty {
-            return;
-        }
-        let mask = if mask.is_empty() {
-            mask
-        } else {
-            match self.frustum.classify(&node.bounds, mask) {
-                Containment::Inside => PlaneMask::NONE,
-                Containment::Intersects(mask) => mask,
-                Containment::Outside => {
-                    match node.kind {
-                        NodeKind::Tree | NodeKind::Coarse => self.trees_culled += 1,
-                        NodeKind::Group { .. } => self.groups_culled += 1,
-                    }
-                    if self.margin > 0.0 && node.bounds.distance_to_point(self.eye) < self.margin {
-                        self.nearby.push(index);
-                    }
-                    return;
-                }
-            }
-        };
-        let distance = node.bounds.distance_to_point(self.eye);
-        out.push(Item {
-            bounds: node.bounds,
-            distance,
-            node: index,
-            mask,
-            beyond,
-        });
-    }
-
-    /// Goes down from the culled nodes within the margin to their trees within the margin, as far as groups are not far.
-    fn collect_nearby(&mut self, soon: &mut Vec<VisibleTree>) {
-        while let Some(index) = self.nearby.pop() {
-            let node = &self.scene.nodes()[index as usize];
-            let distance = node.bounds.distance_to_point(self.eye);
-            if node.empty || distance >= self.margin {
-                continue;
-            }
-            match node.kind {
-                NodeKind::Tree | NodeKind::Coarse => {
-                    soon.push(VisibleTree {
-                        tree: TreeId(node.id),
-                        bounds: node.bounds,
-                        distance,
-                        beyond: matches!(node.kind, NodeKind::Coarse).then_some(0.0),
-                    });
-                }
-                NodeKind::Group {
-                    first, count, coarse, ..
-                } => {
-                    let far = self.beyond(node, coarse.voxel) >= 0.0;
-                    if far && self.coarse_readiness(index) != Readiness::Failed {
-                        self.nearby.extend(self.scene.coarse(index));
-                    } else {
-                        self.nearby.extend(first..first + count);
-                    }
-                }
-            }
-        }
-        soon.sort_unstable_by(|a, b| a.distance.total_cmp(&b.distance).then(a.tree.cmp(&b.tree)));
-    }
-}
-
 #[cfg(test)]
 mod cut_tests;
 #[cfg(test)]
 mod order_tests;
 #[cfg(test)]
 mod tests;
+mod walk;

@@ -10,7 +10,8 @@
 //! | [`Camera`] | the one camera value for culling and drawing; pixels to rays and back |
 //! | [`Aabb`] | box in world metres, half-open where a tree owns it |
 //! | [`SceneGraph`], [`SceneBuilder`] | groups nested over trees, one flat array, bounds computed bottom-up |
-//! | [`Visitor`] | a walk over all of it: printing, statistics, expiry |
+//! | [`Visitor`] | a walk over all of it; [`Printer`] and [`Statistics`] are two |
+//! | [`Expiry`] | which trees were not used for a while, at the cost of those in use |
 //! | [`Frustum`], [`PlaneMask`] | box against the view pyramid; children test only what their group straddles |
 //! | [`Culler`], [`CullResult`] | visible trees front to back, trees to prefetch, last-access frames |
 //! | [`Cut`] | where groups are drawn by coarse trees of their own instead of by what is in them |
@@ -59,17 +60,21 @@ mod bounds;
 mod builder;
 mod camera;
 mod cull;
+mod expiry;
 mod frustum;
 mod order;
 mod scene;
 mod sort;
 #[cfg(test)]
 mod testing;
+mod visitors;
 
 pub use bounds::{Aabb, BoundsError};
 pub use builder::{SceneBuilder, SceneError};
 pub use camera::{Camera, CameraError};
 pub use cull::{CullResult, Culler, Cut, Readiness, VisibleTree};
+pub use expiry::Expiry;
 pub use frustum::{Containment, Frustum, PlaneMask};
 pub use order::{Precedence, exact_precedence, never_aligned, overlapping_pairs, precedence};
 pub use scene::{Descend, GroupId, GroupInfo, SceneGraph, TreeId, Visitor};
+pub use visitors::{Printer, Statistics};

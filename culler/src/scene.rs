@@ -81,8 +81,10 @@ pub struct GroupInfo {
     pub bounds: Option<Aabb>,
     /// Groups above it; 0 for the root.
     pub depth: u32,
-    /// Number of direct children.
+    /// Number of direct children, coarse trees not counted.
     pub children: u32,
+    /// Number of coarse trees, and the side of their finest voxels, metres; 0 and 0 without.
+    pub coarse: (u32, f64),
     /// Whether no two children's boxes share a point.
     pub children_disjoint: bool,
 }
@@ -103,8 +105,8 @@ pub enum Descend {
 pub trait Visitor {
     /// Called on each group before its children.
     fn enter_group(&mut self, group: &GroupInfo) -> Descend;
-    /// Called on each tree.
-    fn visit_tree(&mut self, tree: TreeId, bounds: &Aabb);
+    /// Called on each tree, with the number of groups above it.
+    fn visit_tree(&mut self, tree: TreeId, bounds: &Aabb, depth: u32);
 }
 
 impl SceneGraph {
@@ -160,19 +162,20 @@ impl SceneGraph {
         while let Some((at, depth)) = stack.pop() {
             let node = &self.nodes[at];
             match node.kind {
-                NodeKind::Tree => visitor.visit_tree(TreeId(node.id), &node.bounds),
+                NodeKind::Tree => visitor.visit_tree(TreeId(node.id), &node.bounds, depth),
                 NodeKind::Coarse => {}
                 NodeKind::Group {
                     first,
                     count,
                     disjoint,
-                    ..
+                    coarse,
                 } => {
                     let info = GroupInfo {
                         id: GroupId(node.id),
                         bounds: (!node.empty).then_some(node.bounds),
                         depth,
                         children: count,
+                        coarse: (coarse.count, coarse.voxel),
                         children_disjoint: disjoint,
                     };
                     if visitor.enter_group(&info) == Descend::Yes {
@@ -240,7 +243,7 @@ mod tests {
                 Descend::Yes
             }
         }
-        fn visit_tree(&mut self, tree: TreeId, _: &Aabb) {
+        fn visit_tree(&mut self, tree: TreeId, _: &Aabb, _: u32) {
             self.lines.push(format!("t{}", tree.0));
         }
     }

@@ -195,7 +195,6 @@ impl Sorter {
     }
 
     /// Elements that fit without another allocation.
-    #[cfg(test)]
     pub(crate) fn capacity(&self) -> usize {
         self.starts.capacity() + self.blockers.capacity() + self.knot.capacity() + self.reached.capacity()
     }

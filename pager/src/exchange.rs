@@ -3,7 +3,8 @@
 //!
 //! The render thread calls [`Exchange::install`], [`Exchange::take_news`], [`Exchange::status`], [`Exchange::wait`] and
 //! [`Exchange::stop`]; loader threads call the rest. Every byte that the pager answers for is in `committed`: resident and
-//! finished pages, loads under way by their estimate, and evicted pages that a loader has yet to drop.
+//! finished pages, loads under way by their estimate, and evicted pages that a loader has yet to drop; the queue's own bytes are
+//! counted beside it. Nothing is ever committed beyond [`Limits::all`].
 
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -18,8 +19,8 @@ pub(crate) struct Job<J> {
     pub(crate) handle: Handle,
     /// Bytes that loading is expected to take.
     pub(crate) estimate: u64,
-    /// Taken even if the budget has no room: roots, without which nothing can be shown.
-    pub(crate) exempt: bool,
+    /// May use the reserve: a root, without which nothing can be shown.
+    pub(crate) reserved: bool,
     pub(crate) work: J,
 }
 
@@ -43,6 +44,21 @@ pub(crate) enum Order<J, T> {
     Stop,
 }
 
+/// How many bytes may be committed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Limits {
+    /// By roots.
+    pub(crate) all: u64,
+    /// By everything else: the rest is the reserve.
+    pub(crate) usual: u64,
+}
+
+impl Limits {
+    fn of(&self, reserved: bool) -> u64 {
+        if reserved { self.all } else { self.usual }
+    }
+}
+
 /// Counts of one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Status {
@@ -53,7 +69,10 @@ pub(crate) struct Status {
     pub(crate) arriving_bytes: u64,
     /// Bytes of evicted pages that are not dropped yet.
     pub(crate) leaving_bytes: u64,
+    /// Bytes of the queue itself.
+    pub(crate) queue_bytes: u64,
     pub(crate) committed: u64,
+    /// Most bytes ever committed, with those of the queue.
     pub(crate) peak: u64,
 }
 
@@ -62,7 +81,7 @@ struct Claim {
     handle: Handle,
     file: u64,
     bytes: u64,
-    exempt: bool,
+    reserved: bool,
     reading: bool,
 }
 
@@ -93,16 +112,19 @@ pub(crate) struct Exchange<J, R, T> {
     work: Condvar,
     /// The render thread waits here for results, and for loaders to leave.
     progress: Condvar,
-    limit: u64,
+    limits: Limits,
     readers_per_file: usize,
 }
 
 type Guard<'a, J, R, T> = MutexGuard<'a, State<J, R, T>>;
 
 impl<J, R, T> Exchange<J, R, T> {
-    /// An exchange for a number of loaders, which may commit up to `limit` bytes. One loader is kept off every file, if
+    /// Bytes that a job takes while it is queued.
+    pub(crate) const JOB_BYTES: u64 = size_of::<(Urgency, u64, Job<J>)>() as u64;
+
+    /// An exchange for a number of loaders, which may commit up to these limits. One loader is kept off every file, if
     /// there is more than one, so that a file that does not answer leaves a loader to the others.
-    pub(crate) fn new(limit: u64, threads: usize) -> Self {
+    pub(crate) fn new(limits: Limits, threads: usize) -> Self {
         let state = State {
             queue: Queue::default(),
             claims: Vec::new(),
@@ -121,7 +143,7 @@ impl<J, R, T> Exchange<J, R, T> {
             state: Mutex::new(state),
             work: Condvar::new(),
             progress: Condvar::new(),
-            limit,
+            limits,
             readers_per_file: threads.saturating_sub(1).max(1),
         }
     }
@@ -172,7 +194,7 @@ impl<J, R, T> Exchange<J, R, T> {
         let (file, job) = queue.take(|file, job| {
             if readers.get(&file).is_some_and(|n| *n >= self.readers_per_file) {
                 Verdict::SkipFile
-            } else if job.exempt || fits(*committed, job.estimate, self.limit) {
+            } else if fits(*committed, job.estimate, self.limits.of(job.reserved)) {
                 Verdict::Take
             } else {
                 Verdict::Wait
@@ -185,7 +207,7 @@ impl<J, R, T> Exchange<J, R, T> {
             handle: job.handle,
             file,
             bytes: job.estimate,
-            exempt: job.exempt,
+            reserved: job.reserved,
             reading: true,
         });
         Some(job)
@@ -207,7 +229,7 @@ impl<J, R, T> Exchange<J, R, T> {
             return false;
         };
         let more = bytes.saturating_sub(claim.bytes);
-        let granted = claim.exempt || fits(*committed, more, self.limit);
+        let granted = fits(*committed, more, self.limits.of(claim.reserved));
         if granted {
             claim.bytes += more;
             state.commit(more);
@@ -258,6 +280,7 @@ impl<J, R, T> Exchange<J, R, T> {
             queue.retain(|job| !state.started.contains(&job.handle));
         }
         let old = std::mem::replace(&mut state.queue, queue);
+        state.commit(0);
         drop(state);
         drop(old);
         self.work.notify_all();
@@ -301,6 +324,7 @@ impl<J, R, T> Exchange<J, R, T> {
             ready: state.ready.len(),
             arriving_bytes: loading + state.ready.iter().map(|d| d.bytes).sum::<u64>(),
             leaving_bytes: state.leaving_bytes,
+            queue_bytes: state.queue_bytes(),
             committed: state.committed,
             peak: state.peak,
         }
@@ -310,7 +334,7 @@ impl<J, R, T> Exchange<J, R, T> {
     pub(crate) fn wait(&self, timeout: Duration) -> bool {
         let end = Instant::now().checked_add(timeout);
         let mut state = self.lock();
-        while state.ready.is_empty() && state.moving(self.limit) {
+        while state.ready.is_empty() && state.moving(self.limits) {
             let left = end.map_or(timeout, |end| end.saturating_duration_since(Instant::now()));
             if left.is_zero() {
                 return false;
@@ -361,7 +385,11 @@ fn fits(committed: u64, more: u64, limit: u64) -> bool {
 impl<J, R, T> State<J, R, T> {
     fn commit(&mut self, bytes: u64) {
         self.committed += bytes;
-        self.peak = self.peak.max(self.committed);
+        self.peak = self.peak.max(self.committed + self.queue_bytes());
+    }
+
+    fn queue_bytes(&self) -> u64 {
+        self.queue.len() as u64 * Exchange::<J, R, T>::JOB_BYTES
     }
 
     fn release_file(&mut self, handle: Handle) {
@@ -378,8 +406,8 @@ impl<J, R, T> State<J, R, T> {
     }
 
     /// Whether something will change without the render thread.
-    fn moving(&self, limit: u64) -> bool {
-        let fit = |job: &Job<J>| job.exempt || fits(self.committed, job.estimate, limit);
+    fn moving(&self, limits: Limits) -> bool {
+        let fit = |job: &Job<J>| fits(self.committed, job.estimate, limits.of(job.reserved));
         !self.stop
             && (!self.claims.is_empty() || self.leaving_bytes > 0 || self.queue.peek().is_some_and(fit))
     }

@@ -42,19 +42,21 @@
 //!
 //! # Budget
 //!
-//! [`PagerConfig::budget_bytes`] bounds resident pages, finished ones, and loads under way by their estimate, together; a
-//! load that would exceed it is not begun. Roots of trees in use are exempt: without them nothing could be shown. Not
-//! counted are the snapshots' own pointers, the queue, and up to 0.3 MB per loader while it decodes. When requests and
-//! pages in use do not fit, the most urgent are served, the others are deferred, and [`Pager::over_budget`] says by how
-//! much the level of detail has to fall; at rest nothing is loaded or evicted then.
+//! [`PagerConfig::budget_bytes`] bounds resident pages, finished ones, loads under way by their estimate (compressed and
+//! decoded), evicted pages that are not dropped yet, and the queue, together; a load that would exceed it is not begun, and one
+//! that turns out larger is thrown away. A sixteenth is kept for roots of trees in use, without which nothing could be shown.
+//! Not counted are the snapshots' own pointers, the page table, and up to 1.3 MiB per loader while it decodes. When
+//! requests and pages in use do not fit, the most urgent are served, the others are deferred, and [`Pager::over_budget`] says
+//! by how much the level of detail has to fall; at rest nothing is loaded or evicted then.
 
 mod exchange;
 mod load;
 mod loader;
+mod lookahead;
 mod lru;
 pub mod page;
 mod pager;
-mod queue;
+pub mod queue;
 #[cfg(test)]
 mod shuttle_tests;
 pub mod store;
@@ -64,7 +66,8 @@ mod table;
 mod testing;
 pub mod tree;
 
+pub use lookahead::Lookahead;
 pub use page::{LevelPage, PageKey, RootPage};
-pub use pager::{PageFault, Pager, PagerConfig, PagerStats};
-pub use store::{Fault, FolderStore, MemoryStore, Store};
+pub use pager::{LoadedBytes, PageFault, Pager, PagerConfig, PagerStats};
+pub use store::{Fault, FolderStore, MemoryStore, ProceduralConfig, ProceduralError, ProceduralStore, Store};
 pub use tree::{Found, Stop, TreeState};

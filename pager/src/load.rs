@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
 
 use brickfell_formats::bricks::{self, BrickHeader, BrickIndex, ChunkEntry, brick_file_name};
 use brickfell_formats::chunk::Chunk;
@@ -32,12 +33,21 @@ pub(crate) enum LoadError {
     Failed(String),
 }
 
+/// What loaders have done so far, all together.
+#[derive(Debug, Default)]
+pub(crate) struct Meters {
+    /// Bytes read from the store.
+    pub(crate) bytes_read: AtomicU64,
+    /// Nanoseconds in which chunks were verified and decoded.
+    pub(crate) decode_nanos: AtomicU64,
+}
+
 /// How a load speaks to the store and to the budget.
 pub(crate) struct Reader<'a> {
     /// Where to read.
     pub(crate) store: &'a dyn Store,
-    /// Counts what was read.
-    pub(crate) bytes_read: &'a AtomicU64,
+    /// Counts what was done.
+    pub(crate) meters: &'a Meters,
     /// Asks for this many bytes in all for the page; false if there is no room.
     pub(crate) reserve: &'a dyn Fn(u64) -> bool,
     /// To be called when the last read of the page has returned.
@@ -63,7 +73,7 @@ impl Reader<'_> {
             .store
             .read(name, offset, size)
             .map_err(|e| self.fail(name, format!("byte {offset}: cannot be read: {e}")))?;
-        self.bytes_read.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        (self.meters.bytes_read).fetch_add(bytes.len() as u64, Ordering::Relaxed);
         Ok(bytes)
     }
 
@@ -132,7 +142,11 @@ impl Reader<'_> {
         };
         let bytes = self.read(name, entry.offset, u64::from(entry.length))?;
         (self.read_done)();
-        bricks.decode_chunk(chunk, &bytes).map_err(|e| self.fail(name, e))
+        let start = Instant::now();
+        let decoded = bricks.decode_chunk(chunk, &bytes).map_err(|e| self.fail(name, e));
+        let nanos = start.elapsed().as_nanos() as u64;
+        (self.meters.decode_nanos).fetch_add(nanos, Ordering::Relaxed);
+        decoded
     }
 
     fn nodes(&self, name: &str, index: &OctreeIndex, level: u8) -> Result<Vec<Node>, LoadError> {

@@ -2,13 +2,12 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
 use std::thread::JoinHandle;
 
 use brickfell_formats::bricks::brick_file_name;
 
-use crate::exchange::{Exchange, Job, Order};
-use crate::load::{LoadError, Reader};
+use crate::exchange::{Exchange, Job, Limits, Order};
+use crate::load::{LoadError, Meters, Reader};
 use crate::page::{LevelPage, Page, RootPage};
 use crate::store::Store;
 
@@ -37,7 +36,7 @@ pub(crate) type Loads = Exchange<Work, Result<Page, LoadError>, Page>;
 #[derive(Debug)]
 pub(crate) struct Loaders {
     pub(crate) loads: Arc<Loads>,
-    pub(crate) bytes_read: Arc<AtomicU64>,
+    pub(crate) meters: Arc<Meters>,
     /// Why there is no loader, if none could be started.
     pub(crate) failure: Option<String>,
     threads: Vec<JoinHandle<()>>,
@@ -45,22 +44,21 @@ pub(crate) struct Loaders {
 
 impl Loaders {
     /// Starts the threads.
-    pub(crate) fn start(store: Arc<dyn Store>, threads: usize, limit: u64) -> Self {
+    pub(crate) fn start(store: Arc<dyn Store>, threads: usize, limits: Limits) -> Self {
         let threads = threads.max(1);
-        let loads = Arc::new(Loads::new(limit, threads));
-        let bytes_read = Arc::new(AtomicU64::new(0));
+        let loads = Arc::new(Loads::new(limits, threads));
+        let meters = Arc::new(Meters::default());
         let mut loaders = Self {
             loads,
-            bytes_read,
+            meters,
             failure: None,
             threads: Vec::new(),
         };
         for k in 0..threads {
-            let (loads, store, bytes_read) =
-                (loaders.loads.clone(), store.clone(), loaders.bytes_read.clone());
+            let (loads, store, meters) = (loaders.loads.clone(), store.clone(), loaders.meters.clone());
             loads.enter();
             let thread = std::thread::Builder::new().name(format!("pager {k}"));
-            match thread.spawn(move || run(&loads, &*store, &bytes_read)) {
+            match thread.spawn(move || run(&loads, &*store, &meters)) {
                 Ok(thread) => loaders.threads.push(thread),
                 Err(e) => {
                     loaders.loads.leave();
@@ -91,7 +89,7 @@ impl Drop for Loaders {
     }
 }
 
-fn run(loads: &Loads, store: &dyn Store, bytes_read: &AtomicU64) {
+fn run(loads: &Loads, store: &dyn Store, meters: &Meters) {
     loop {
         match loads.next() {
             Order::Stop => break,
@@ -102,7 +100,7 @@ fn run(loads: &Loads, store: &dyn Store, bytes_read: &AtomicU64) {
             Order::Load(job) => {
                 let handle = job.handle;
                 // A store is foreign code: if it panics the page has failed, and the loader lives on.
-                let result = catch_unwind(AssertUnwindSafe(|| load(loads, job, store, bytes_read)));
+                let result = catch_unwind(AssertUnwindSafe(|| load(loads, job, store, meters)));
                 let result = result
                     .unwrap_or_else(|_| Err(LoadError::Failed("a loader panicked on this page".to_owned())));
                 let bytes = result.as_ref().map_or(0, Page::memory);
@@ -113,14 +111,14 @@ fn run(loads: &Loads, store: &dyn Store, bytes_read: &AtomicU64) {
     loads.leave();
 }
 
-fn load(loads: &Loads, job: Job<Work>, store: &dyn Store, bytes_read: &AtomicU64) -> Result<Page, LoadError> {
+fn load(loads: &Loads, job: Job<Work>, store: &dyn Store, meters: &Meters) -> Result<Page, LoadError> {
     let reader = Reader {
         store,
-        bytes_read,
+        meters,
         reserve: &|bytes| loads.reserve(job.handle, bytes),
         read_done: &|| loads.read_done(job.handle),
     };
-    match &job.work {
+    let page = match &job.work {
         Work::Root { file } => reader.root(file).map(|page| Page::Root(Arc::new(page))),
         Work::Level { file, root, level } => match &root.index {
             Some(index) => reader
@@ -142,5 +140,10 @@ fn load(loads: &Loads, job: Job<Work>, store: &dyn Store, bytes_read: &AtomicU64
                 None => Err(reader.fail(&name, format!("level {level} has no bricks"))),
             }
         }
+    }?;
+    // Whatever was expected: a page that the budget has no room for does not come in.
+    match loads.reserve(job.handle, page.memory()) {
+        true => Ok(page),
+        false => Err(LoadError::Outgrown(page.memory())),
     }
 }

@@ -1,19 +1,23 @@
 //! The pager as the render thread sees it. See the crate for the order of calls.
 
+mod ask;
 mod merge;
+mod stats;
 mod submit;
 #[cfg(test)]
 mod tests;
 mod usage;
 
+pub use stats::{LoadedBytes, PagerStats};
+
 use std::fmt;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use brickfell_culler::TreeId;
 use brickfell_formats::chunk::Chunk;
 
+use crate::exchange::Limits;
 use crate::loader::Loaders;
 use crate::lru::Lru;
 use crate::page::{Page, PageKey};
@@ -45,6 +49,23 @@ impl Default for PagerConfig {
     }
 }
 
+/// The part of the budget that only roots may use, and that is cleared at once for what is queued: 1 / this. So the high
+/// mark, up to which other pages are loaded, is the budget less one such part, and the low mark, down to which pages are
+/// evicted, is the budget less two.
+const PARTS: u64 = 16;
+
+/// The part of the budget that may be taken by what comes ahead of its use: 1 / this.
+const AHEAD_PART: u64 = 8;
+
+impl PagerConfig {
+    pub(crate) fn limits(&self) -> Limits {
+        Limits {
+            all: self.budget_bytes,
+            usual: self.budget_bytes - self.budget_bytes / PARTS,
+        }
+    }
+}
+
 /// A page that was given up.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PageFault {
@@ -58,35 +79,6 @@ impl fmt::Display for PageFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.message)
     }
-}
-
-/// What the pager holds and did.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PagerStats {
-    /// Bytes of resident pages.
-    pub resident_bytes: u64,
-    /// Most bytes ever held: resident, ready, under way by estimate, and evicted but not yet dropped.
-    pub peak_bytes: u64,
-    /// Bytes read from the store.
-    pub bytes_read: u64,
-    /// Pages published.
-    pub loads: u64,
-    /// Requests that left the queue before a loader took them.
-    pub cancelled: u64,
-    /// Pages evicted.
-    pub evicted: u64,
-    /// Pages given up.
-    pub failed: u64,
-    /// Pages in the queue.
-    pub queued: usize,
-    /// Pages asked for in the last frame for which the budget has no room.
-    pub deferred: usize,
-    /// Pages under way.
-    pub loading: usize,
-    /// Pages loaded, to be taken by the next merge.
-    pub ready: usize,
-    /// Pages loaded that wait for their parents.
-    pub held: usize,
 }
 
 /// A tree of the scene.
@@ -115,7 +107,9 @@ struct Demand {
 
 #[derive(Debug, Default)]
 struct Counters {
+    requested: u64,
     loads: u64,
+    loaded_bytes: LoadedBytes,
     cancelled: u64,
     evicted: u64,
     failed: u64,
@@ -151,6 +145,8 @@ pub struct Pager {
     pinned_bytes: u64,
     /// Of those, other pages stamped in this tick.
     used_bytes: u64,
+    /// Of those, pages that came ahead of their use and were not used yet.
+    ahead_bytes: u64,
     demand: Demand,
     counters: Counters,
 }
@@ -167,7 +163,7 @@ impl Pager {
         };
         Self {
             config,
-            loaders: Loaders::start(store, config.threads, config.budget_bytes),
+            loaders: Loaders::start(store, config.threads, config.limits()),
             trees: trees.into_iter().map(tree).collect(),
             table: Table::default(),
             chunks: Lru::default(),
@@ -183,6 +179,7 @@ impl Pager {
             resident_bytes: 0,
             pinned_bytes: 0,
             used_bytes: 0,
+            ahead_bytes: 0,
             demand: Demand::default(),
             counters: Counters::default(),
         }
@@ -198,47 +195,6 @@ impl Pager {
             self.begin_frame();
         }
         &self.published
-    }
-
-    /// Asks for a page in this frame; smaller priorities load first, and the smallest of several counts. Parents that are
-    /// missing are asked for too, with the same priority. A chunk, or a level, whose parents are not resident yet must be
-    /// asked for again once they are. Asking for a resident page is a touch; for a page that does not exist, nothing.
-    pub fn request(&mut self, key: PageKey, priority: f64) {
-        let key = key.holder();
-        let tree = key.tree();
-        let Some(entry) = self.trees.get(tree.0 as usize) else {
-            return;
-        };
-        let Some(state) = entry.state.clone() else {
-            self.acquire(tree);
-            return self.want(PageKey::Root(tree), priority);
-        };
-        let level = key.level();
-        if level > state.root.header.depth {
-            return;
-        }
-        self.use_levels(tree, level);
-        for l in 1..=level {
-            let key = PageKey::Level { tree, level: l };
-            if state.level(l).is_none() {
-                if self
-                    .table
-                    .by_key(key)
-                    .is_some_and(|s| matches!(s.state, State::GivenUp))
-                {
-                    return;
-                }
-                self.want(key, priority);
-            }
-        }
-        if let (PageKey::Chunk { chunk, .. }, Some(page)) = (key, state.level(level))
-            && page
-                .bricks
-                .as_ref()
-                .is_some_and(|b| (chunk as usize) < b.chunks.len())
-        {
-            self.want(key, priority);
-        }
     }
 
     /// Says that a page is used in this frame, so that it and its parents are kept.
@@ -316,26 +272,6 @@ impl Pager {
         if let Some((slot, bytes)) = self.resident_root(tree) {
             self.pinned_bytes -= bytes;
             self.levels.touch(slot);
-        }
-    }
-
-    /// Counts of this moment.
-    pub fn stats(&self) -> PagerStats {
-        let status = self.loaders.loads.status();
-        let held = self.arriving.iter().filter(|h| self.is_ready(**h)).count();
-        PagerStats {
-            resident_bytes: self.resident_bytes,
-            peak_bytes: status.peak,
-            bytes_read: self.loaders.bytes_read.load(Ordering::Relaxed),
-            loads: self.counters.loads,
-            cancelled: self.counters.cancelled,
-            evicted: self.counters.evicted,
-            failed: self.counters.failed,
-            queued: status.queued,
-            deferred: self.demand.deferred,
-            loading: status.loading,
-            ready: status.ready,
-            held,
         }
     }
 

@@ -1,22 +1,23 @@
 //! The waiting jobs in order of urgency, with a limit on the loaders that read one file at a time.
 //!
 //! One heap per file and one heap over the files' most urgent jobs: taking a job is O(log n), building the queue O(n),
-//! and a file whose limit is reached is stepped over without looking at its other jobs.
+//! and a file whose limit is reached is stepped over without looking at its other jobs. A plain value; the pager keeps its own
+//! behind the lock it shares with the loaders.
 
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashMap};
 
 /// How urgent a job is; the smallest is taken first.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Urgency {
+pub struct Urgency {
     /// Roots before everything else.
-    pub(crate) class: u8,
+    pub class: u8,
     /// The caller's priority, for instance a distance. NaN is last.
-    pub(crate) priority: f64,
+    pub priority: f64,
     /// Ties: coarse before fine, levels before chunks.
-    pub(crate) order: u16,
+    pub order: u16,
     /// Ties of those: any stable number.
-    pub(crate) slot: u32,
+    pub slot: u32,
 }
 
 impl Ord for Urgency {
@@ -69,7 +70,7 @@ impl<T> Eq for Ranked<T> {}
 
 /// Whether a job may be taken now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Verdict {
+pub enum Verdict {
     /// Take it.
     Take,
     /// Look at the jobs of other files.
@@ -80,7 +81,7 @@ pub(crate) enum Verdict {
 
 /// Jobs of type `J`, each of a file.
 #[derive(Debug)]
-pub(crate) struct Queue<J> {
+pub struct Queue<J> {
     files: HashMap<u64, BinaryHeap<Ranked<J>>>,
     heads: BinaryHeap<Ranked<u64>>,
     len: usize,
@@ -98,7 +99,7 @@ impl<J> Default for Queue<J> {
 
 impl<J> Queue<J> {
     /// A queue of jobs, each with its urgency and its file.
-    pub(crate) fn new(jobs: impl IntoIterator<Item = (Urgency, u64, J)>) -> Self {
+    pub fn new(jobs: impl IntoIterator<Item = (Urgency, u64, J)>) -> Self {
         let mut lists: HashMap<u64, Vec<Ranked<J>>> = HashMap::new();
         let mut len = 0;
         for (urgency, file, job) in jobs {
@@ -117,7 +118,7 @@ impl<J> Queue<J> {
     }
 
     /// Keeps the jobs that the test lets through.
-    pub(crate) fn retain(&mut self, mut keep: impl FnMut(&J) -> bool) {
+    pub fn retain(&mut self, mut keep: impl FnMut(&J) -> bool) {
         self.files.retain(|_, jobs| {
             jobs.retain(|job| keep(&job.1));
             !jobs.is_empty()
@@ -127,18 +128,23 @@ impl<J> Queue<J> {
     }
 
     /// The most urgent job.
-    pub(crate) fn peek(&self) -> Option<&J> {
+    pub fn peek(&self) -> Option<&J> {
         let head = self.heads.peek()?;
         self.files.get(&head.1)?.peek().map(|job| &job.1)
     }
 
     /// Number of jobs.
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.len
     }
 
+    /// Whether there is no job.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
     /// Takes the most urgent job that the verdict lets through.
-    pub(crate) fn take(&mut self, mut verdict: impl FnMut(u64, &J) -> Verdict) -> Option<(u64, J)> {
+    pub fn take(&mut self, mut verdict: impl FnMut(u64, &J) -> Verdict) -> Option<(u64, J)> {
         let mut aside = Vec::new();
         let mut taken = None;
         while let Some(head) = self.heads.pop() {
@@ -202,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn taking_from_ten_thousand_jobs_is_quick() {
+    fn a_blocked_file_is_looked_at_once_and_not_job_by_job() {
         let jobs = (0..10_000u32).map(|k| {
             (
                 urgency(f64::from(k.wrapping_mul(2654435761)), k),
@@ -211,21 +217,21 @@ mod tests {
             )
         });
         let mut queue = Queue::new(jobs);
-        let start = std::time::Instant::now();
+        let (mut looks, mut most) = (0, 0);
         while queue
             .take(|file, _| {
-                if file == 7 {
-                    Verdict::SkipFile
-                } else {
-                    Verdict::Take
+                looks += 1;
+                match file {
+                    7 => Verdict::SkipFile,
+                    _ => Verdict::Take,
                 }
             })
             .is_some()
-        {}
-        let each = start.elapsed() / 9_900;
-        println!("take-next of 10 000: {each:?}");
+        {
+            most = most.max(std::mem::take(&mut looks));
+        }
         assert_eq!(queue.len(), 100);
-        assert!(each < std::time::Duration::from_micros(100), "{each:?}");
+        assert!(most <= 2, "{most} jobs looked at for one");
     }
 
     #[test]

@@ -29,14 +29,14 @@ mod exchange;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use exchange::{Exchange, Job, Order};
+use exchange::{Exchange, Job, Limits, Order};
 use shuttle::sync::Arc;
 use shuttle::thread;
 
 /// A job is its own number, a result a number of bytes; what is dropped is a number too.
 type Loads = Exchange<u32, u32, u32>;
 
-const LIMIT: u64 = 30;
+const LIMITS: Limits = Limits { all: 40, usual: 30 };
 const FOREVER: Duration = Duration::from_secs(1 << 20);
 
 fn job(number: u32, generation: u32) -> (Urgency, u64, Job<u32>) {
@@ -56,7 +56,7 @@ fn job(number: u32, generation: u32) -> (Urgency, u64, Job<u32>) {
         Job {
             handle,
             estimate: 10,
-            exempt: number == 0,
+            reserved: number == 0,
             work: number,
         },
     )
@@ -83,7 +83,7 @@ fn run(loads: &Loads) {
 }
 
 fn start(threads: usize) -> (Arc<Loads>, Vec<thread::JoinHandle<()>>) {
-    let loads = Arc::new(Loads::new(LIMIT, threads));
+    let loads = Arc::new(Loads::new(LIMITS, threads));
     let threads = (0..threads)
         .map(|_| {
             loads.enter();
@@ -123,8 +123,8 @@ fn every_job_is_done_once_within_the_limit_and_the_bytes_come_back() {
                 loads.discard(vec![result.result], result.bytes);
             }
             assert!(
-                loads.status().peak <= LIMIT + 10,
-                "the limit and the job that is exempt"
+                loads.status().peak <= LIMITS.all + 5 * Loads::JOB_BYTES,
+                "the limit, and the queue"
             );
         }
         loads.install(Vec::new());
@@ -163,6 +163,86 @@ fn a_stop_at_any_moment_ends_the_loaders() {
         }
         let status = loads.status();
         assert_eq!((status.queued, status.loading), (0, 0));
+    };
+    shuttle::check_random(flight, 2000);
+}
+
+#[test]
+fn a_request_that_leaves_the_queue_is_either_begun_or_never_read() {
+    let flight = || {
+        let (loads, threads) = start(2);
+        loads.install((0..4).map(|k| job(k, 1)).collect());
+        // Half of it is not asked for again. What a loader has taken by then is reported as begun, and comes.
+        let mut begun = loads.take_started();
+        let again = [0, 2].map(|k| job(k, 1));
+        loads.install(
+            again
+                .into_iter()
+                .filter(|j| !begun.contains(&j.2.handle))
+                .collect(),
+        );
+        let mut finished = Vec::new();
+        while {
+            let (started, ready) = loads.take_news();
+            begun.extend(started);
+            finished.extend(ready.iter().map(|done| done.handle));
+            loads.discard(
+                ready.iter().map(|done| done.result).collect(),
+                ready.iter().map(|done| done.bytes).sum(),
+            );
+            let status = loads.status();
+            status.queued + status.loading + status.ready > 0 || status.leaving_bytes > 0
+        } {
+            assert!(loads.wait(FOREVER));
+        }
+        let (started, _) = loads.take_news();
+        begun.extend(started);
+        begun.sort_unstable();
+        finished.sort_unstable();
+        assert_eq!(begun, finished, "each begun load comes once, and nothing else");
+        for kept in [0, 2] {
+            assert!(
+                finished.iter().any(|h| h.slot == kept),
+                "what is still wanted comes"
+            );
+        }
+        assert_eq!(loads.status().committed, 0);
+        loads.stop();
+        threads.into_iter().for_each(|thread| thread.join().unwrap());
+    };
+    shuttle::check_random(flight, 2000);
+    shuttle::check_pct(flight, 500, 3);
+}
+
+#[test]
+fn what_expires_makes_room_for_what_waits() {
+    let flight = || {
+        let (loads, threads) = start(2);
+        // The limit holds three pages beside the reserve. As many come, and stay until they expire.
+        loads.install((1..4).map(|k| job(k + 4, 1)).collect());
+        let mut resident = Vec::new();
+        while resident.len() < 3 {
+            assert!(loads.wait(FOREVER));
+            resident.extend(loads.take_news().1);
+        }
+        loads.install((10..13).map(|k| job(k, 2)).collect());
+        let mut came = 0;
+        while came < 3 {
+            // One page expires for each that waits; it is dropped by a loader while others read.
+            if let Some(old) = resident.pop() {
+                loads.discard(vec![old.result], old.bytes);
+            }
+            assert!(loads.wait(FOREVER));
+            let ready = loads.take_news().1;
+            came += ready.len();
+            for done in ready {
+                loads.discard(vec![done.result], done.bytes);
+            }
+            assert!(loads.status().committed <= LIMITS.all);
+        }
+        loads.stop();
+        assert!(loads.wait_for_threads(FOREVER));
+        threads.into_iter().for_each(|thread| thread.join().unwrap());
     };
     shuttle::check_random(flight, 2000);
 }

@@ -5,11 +5,16 @@
 
 mod folder;
 mod memory;
+mod procedural;
 
 use std::io;
 
 pub use folder::FolderStore;
 pub use memory::{Fault, MemoryStore, ReadRecord};
+pub use procedural::{ProceduralConfig, ProceduralError, ProceduralStore};
+
+/// Name of the scene file of a terrain.
+pub const SCENE_FILE: &str = "scene.xml";
 
 /// Named objects of which ranges can be read.
 pub trait Store: Send + Sync {

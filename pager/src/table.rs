@@ -43,6 +43,8 @@ pub(crate) struct Slot {
     pub(crate) priority: f64,
     /// Bytes: of the page once it is loaded, else what loading it is expected to take.
     pub(crate) bytes: u64,
+    /// Wanted ahead of its use only; of a resident page, not used since it came.
+    pub(crate) ahead: bool,
     /// Failed attempts so far.
     pub(crate) attempts: u32,
     generation: u32,
@@ -99,6 +101,7 @@ impl Table {
             stamp: 0,
             priority: f64::INFINITY,
             bytes: 0,
+            ahead: false,
             attempts: 0,
             generation: self.next_generation,
         };

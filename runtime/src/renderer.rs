@@ -10,8 +10,8 @@ mod settle;
 use std::sync::Arc;
 use std::time::Instant;
 
-use brickfell_culler::{Camera, Culler, Cut, Readiness, TreeId, VisibleTree};
-use brickfell_pager::{PageFault, PageKey, Pager, PagerConfig, PagerStats, Store};
+use brickfell_culler::{Camera, Culler, Cut, Expiry, Readiness, VisibleTree};
+use brickfell_pager::{Lookahead, PageFault, PageKey, Pager, PagerConfig, PagerStats, Store};
 use brickfell_shaders::layout;
 
 use crate::bias::BiasController;
@@ -23,7 +23,7 @@ use crate::node_lists::{ActiveTree, NodeList, NodeListProcessors};
 use crate::picture::Picture;
 use crate::settings::RenderSettings;
 use crate::terrain::Terrain;
-use crate::texture_pool::TexturePoolManager;
+use crate::texture_pool::{TexturePoolManager, priority};
 
 /// Frames after which an unseen tree is released.
 const TREE_KEEP_FRAMES: u64 = 300;
@@ -114,7 +114,9 @@ pub struct Renderer {
     request_share: u32,
     /// Of the last feedback, to resolve again when more levels are in RAM.
     feedback_trees: Arc<[ActiveTree]>,
-    tree_used: Vec<u64>,
+    /// Trees whose roots are pinned.
+    in_use: Expiry,
+    lookahead: Lookahead,
     ms_per_brick: f64,
     faults: Vec<String>,
 }
@@ -202,7 +204,8 @@ impl Renderer {
             in_flight: Vec::new(),
             request_share: 1,
             feedback_trees: Arc::from([]),
-            tree_used: vec![0; terrain.trees.len() + terrain.coarse_trees.len()],
+            in_use: Expiry::default(),
+            lookahead: Lookahead::default(),
             ms_per_brick: 0.01,
             faults,
             terrain,
@@ -299,8 +302,9 @@ impl Renderer {
 
         let cull = Instant::now();
         let pager = &self.pager;
+        let footprint = camera.pixel_size() * (settings.bias + self.bias.extra()).exp2();
         let cut = Cut {
-            footprint: camera.pixel_size() * (settings.bias + self.bias.extra()).exp2(),
+            footprint,
             readiness: &|tree| match pager.tree(tree) {
                 Some(_) => Readiness::Ready,
                 None if pager.is_failed(PageKey::Root(tree)) => Readiness::Failed,
@@ -314,12 +318,12 @@ impl Renderer {
         let upload = Instant::now();
         let (mut records, mut active) = (Vec::new(), Vec::new());
         for wanted in &result.wanted {
-            self.tree_used[wanted.tree.0 as usize] = u64::from(frame);
+            self.in_use.touch(wanted.tree, u64::from(frame));
             report.trees_waiting += usize::from(!use_root(&mut self.pager, wanted));
         }
-        for visible in result.visible.iter().take(MAX_TREES) {
+        for (order, visible) in (0u32..).zip(result.visible.iter().take(MAX_TREES)) {
             let tree = visible.tree;
-            self.tree_used[tree.0 as usize] = u64::from(frame);
+            self.in_use.touch(tree, u64::from(frame));
             report.trees_waiting += usize::from(!use_root(&mut self.pager, visible));
             let Some(state) = self.pager.tree(tree).cloned() else {
                 continue;
@@ -332,6 +336,11 @@ impl Renderer {
                     self.faults.push(fault);
                 }
                 continue;
+            }
+            if visible.beyond.is_none() {
+                // Rays find out level by level what they lack; that they will come this far is known at once.
+                let wanted = visible.distance * footprint;
+                (self.pager).request_levels(tree, wanted, |level| priority(level, order));
             }
             match self.pool.activate(tree, &state, frame) {
                 Some(root) => {
@@ -348,15 +357,14 @@ impl Renderer {
                 None => report.trees_waiting += 1,
             }
         }
-        for (tree, used) in self.tree_used.iter_mut().enumerate() {
-            if *used != 0 && *used + TREE_KEEP_FRAMES < u64::from(frame) {
-                *used = 0;
-                self.pager.release_tree(TreeId(tree as u32));
-            }
-        }
+        let pager = &mut self.pager;
+        (self.in_use).expire(u64::from(frame), TREE_KEEP_FRAMES, |tree| {
+            pager.release_tree(tree)
+        });
         report.trees_active = records.len();
         self.pending = self.pool.apply(&self.list, &mut self.pager, frame, brick_limit);
         report.pending = self.pending;
+        (self.lookahead).ask(&mut self.pager, &self.terrain.graph, camera, footprint);
         self.pager.submit();
         self.faults.extend(
             self.pager

@@ -10,9 +10,7 @@ use brickfell_formats::octree::TreeHeader;
 use brickfell_formats::scene::{Group, PagedOctTree, Scene};
 use brickfell_formats::{FormatError, octree_binary};
 use brickfell_pager::Store;
-
-/// Name of the scene file in a terrain's folder.
-pub const SCENE_FILE: &str = "scene.xml";
+pub use brickfell_pager::store::SCENE_FILE;
 
 /// A scene that cannot be opened.
 #[derive(Debug, thiserror::Error)]

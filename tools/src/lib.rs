@@ -10,4 +10,5 @@ pub mod metrics;
 mod noise;
 pub mod picture_file;
 pub mod report;
+pub(crate) mod trace;
 pub mod truth;

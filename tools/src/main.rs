@@ -24,6 +24,10 @@ Examples:
     brickfell info db --json
     brickfell check db
 
+  A hundred kilometres that nobody built, and what paging did on the way
+    brickfell fly 'procedural:1?extent=100km' --path path.json --out flight --trace trace.json
+    brickfell stats trace.json
+
   The octrees to be read and edited, and a level for other programs
     brickfell convert db --octrees xml --out readable
     brickfell convert db --level 4 --out surface.obj
@@ -54,6 +58,8 @@ enum Command {
     Info(commands::info::Args),
     /// Read everything and list what is damaged
     Check(commands::check::Args),
+    /// Say what a trace of a flight holds
+    Stats(commands::stats::Args),
     /// Measure speed and error on built-in scenes
     Bench(commands::bench::Args),
     /// Write the input files of a generated terrain
@@ -73,6 +79,7 @@ fn main() -> ExitCode {
         Command::Convert(args) => commands::convert::run(args),
         Command::Info(args) => commands::info::run(args),
         Command::Check(args) => commands::check::run(args),
+        Command::Stats(args) => commands::stats::run(args),
         Command::Bench(args) => commands::bench::run(args),
         Command::Demo(args) => commands::demo::run(args),
         Command::Adapter => adapter(),

@@ -2,9 +2,9 @@
 
 use super::order_tests::misordered;
 use super::*;
-use crate::scene::GroupId;
+use crate::scene::{GroupId, NodeKind};
 use crate::testing::{Random, random_camera};
-use glam::dvec3;
+use glam::{DVec3, dvec3};
 use std::cell::RefCell;
 use std::collections::HashSet;
 
@@ -275,5 +275,60 @@ fn a_large_terrain_seen_from_afar_costs_little_and_allocates_nothing() {
             groups <= trees + trees / 2 + 20 && wanted <= trees + 40,
             "{trees} {groups} {wanted}"
         );
+    }
+}
+
+#[test]
+fn a_scene_scaled_as_a_whole_is_cut_alike() {
+    let mut random = Random::new(29);
+    let (scene, around) = nested(&mut random, 4);
+    let footprint = 0.02;
+    for scale in [1.0 / 1024.0, 4.0, 65_536.0] {
+        // The same tree of groups, by its ids.
+        let mut scaled = SceneGraph::builder();
+        let larger = |b: &Aabb| Aabb::new(b.min * scale, b.max * scale).unwrap();
+        let mut groups = vec![(0usize, GroupId::ROOT)];
+        while let Some((at, group)) = groups.pop() {
+            let NodeKind::Group {
+                first, count, coarse, ..
+            } = scene.nodes()[at].kind
+            else {
+                unreachable!()
+            };
+            for child in first..first + count {
+                let node = scene.nodes()[child as usize];
+                match node.kind {
+                    NodeKind::Tree => scaled
+                        .add_tree(Some(group), TreeId(node.id), larger(&node.bounds))
+                        .unwrap(),
+                    _ => groups.push((child as usize, scaled.add_group(Some(group)).unwrap())),
+                }
+            }
+            for tree in first + count..first + count + coarse.count {
+                let node = scene.nodes()[tree as usize];
+                scaled
+                    .add_coarse(group, TreeId(node.id), larger(&node.bounds), coarse.voxel * scale)
+                    .unwrap();
+            }
+        }
+        let scaled = scaled.finish();
+        let (mut culler, mut other) = (Culler::new(), Culler::new());
+        let mut coarse = 0;
+        for frame in 0..100 {
+            let camera = random_camera(&mut random, SIDE);
+            let moved = Camera {
+                eye: camera.eye * scale,
+                ..camera
+            };
+            let cut = Cut {
+                footprint,
+                readiness: &|_| Readiness::Ready,
+            };
+            let here = ids(&culler.cull_cut(&scene, &camera, &cut, frame).visible);
+            let there = ids(&other.cull_cut(&scaled, &moved, &cut, frame).visible);
+            assert_eq!(here, there, "scale {scale}");
+            coarse += here.iter().filter(|id| around[**id as usize].len() < 4).count();
+        }
+        assert!(coarse > 50, "groups are drawn by their coarse trees: {coarse}");
     }
 }

@@ -7,7 +7,7 @@ use crate::testing::scenes::{
     crossed_beams, flat_list, overlapping_groups, pinwheels, quadtree, quarters, regular_grid,
 };
 use crate::testing::{Random, ray_span};
-use glam::dvec3;
+use glam::{DVec3, dvec3};
 
 /// Eyes inside, outside, on faces, on edges and on corners, all on the lattice of quarters.
 fn eye(random: &mut Random, boxes: &[Aabb]) -> DVec3 {

@@ -4,7 +4,7 @@ use super::*;
 use crate::scene::GroupId;
 use crate::testing::scenes::{overlapping_groups, quadtree, regular_grid};
 use crate::testing::{Random, box_meets_pyramid, random_camera};
-use glam::dvec3;
+use glam::{DVec3, dvec3};
 
 #[test]
 fn lists_what_meets_the_frustum_and_prefetches_by_margin() {
@@ -157,4 +157,37 @@ fn work_follows_the_view_and_not_the_terrain() {
     // Two levels more of nesting above what is seen, and no more.
     assert_eq!(visited[0].0, visited[2].0);
     assert!(visited[2].1 <= visited[0].1 + 16, "{visited:?}");
+}
+
+#[test]
+fn what_is_too_small_is_left_out_and_nothing_else() {
+    let mut random = Random::new(17);
+    let mut builder = SceneGraph::builder();
+    quadtree(&mut random, &mut builder);
+    let scene = builder.finish();
+    let (mut culler, mut all) = (Culler::new(), Culler::new());
+    culler.set_smallest_feature(40.0);
+    let mut left_out = 0;
+    for frame in 0..200 {
+        let camera = random_camera(&mut random, 60.0);
+        let seen = culler.cull(&scene, &camera, frame).clone();
+        let width = 40.0 * camera.pixel_size();
+        for tree in &all.cull(&scene, &camera, frame).visible {
+            let (nearest, _) = tree.bounds.depth_range(camera.eye, camera.forward);
+            let diagonal = tree.bounds.size().length();
+            let listed = seen.visible.iter().any(|v| v.tree == tree.tree);
+            // A group is left out by its own box, which is larger than those in it.
+            assert!(listed || diagonal < width * nearest, "{tree:?} is large enough");
+            assert!(
+                !listed || nearest <= 0.0 || diagonal >= width * nearest,
+                "{tree:?} is too small"
+            );
+            left_out += usize::from(!listed);
+        }
+        assert!(seen.order_exact);
+    }
+    assert!(left_out > 500, "{left_out}");
+    culler.set_smallest_feature(0.0);
+    let camera = random_camera(&mut random, 60.0);
+    assert_eq!(culler.cull(&scene, &camera, 0), all.cull(&scene, &camera, 0));
 }

@@ -146,6 +146,9 @@ impl Pager {
         let Some(tree) = self.trees.get_mut(key.tree().0 as usize) else {
             return;
         };
+        // A root that was wanted ahead may be in use by now.
+        entry.ahead &= !(tree.in_use && matches!(key, PageKey::Root(_)));
+        let ahead = entry.ahead;
         match (page, key) {
             (Page::Root(root), _) => {
                 tree.state = Some(Arc::new(TreeState::new(root)));
@@ -162,12 +165,25 @@ impl Pager {
             }
             _ => {}
         }
-        // What nobody could use before counts as used now; its place in the order is behind its children, before its parents.
         tree.stamped = (0, 0);
-        if !matches!(key, PageKey::Root(_)) {
-            self.use_slot(slot);
+        let loaded = &mut self.counters.loaded_bytes;
+        if ahead {
+            loaded.ahead += bytes;
+            self.ahead_bytes += bytes;
+            self.list_ahead(slot, key);
+        } else {
+            *match key {
+                PageKey::Root(_) => &mut loaded.roots,
+                PageKey::Level { .. } => &mut loaded.levels,
+                PageKey::Chunk { .. } => &mut loaded.chunks,
+            } += bytes;
+            // What nobody could use before counts as used now; its place in the order is behind its children, before its
+            // parents.
+            if !matches!(key, PageKey::Root(_)) {
+                self.use_slot(slot);
+            }
+            self.stamp_levels(key.tree(), key.level());
         }
-        self.stamp_levels(key.tree(), key.level());
         self.resident_bytes += bytes;
         self.counters.loads += 1;
         self.published.push(key);

@@ -7,15 +7,12 @@ use brickfell_culler::TreeId;
 
 use crate::exchange::Job;
 use crate::load::{ROOT_ESTIMATE, chunk_estimate, level_estimate};
-use crate::loader::Work;
+use crate::loader::{Loads, Work};
 use crate::page::{Page, PageKey};
 use crate::queue::Urgency;
 use crate::table::{Handle, State};
 
-use super::{Demand, Pager};
-
-/// The share of the budget that is cleared ahead of the queue, so that eviction comes in batches.
-const HEADROOM: u64 = 16;
+use super::{AHEAD_PART, Demand, PARTS, Pager};
 
 impl Pager {
     pub(super) fn end_frame(&mut self) {
@@ -65,16 +62,17 @@ impl Pager {
             let Some(entry) = self.table.get(*slot) else {
                 continue;
             };
-            let key = entry.key;
+            let (key, ahead) = (entry.key, entry.ahead);
+            let demand = |bytes: u64| if ahead { 0 } else { bytes };
             match entry.state {
                 State::Failed(at) if at > self.now => {
                     self.demand.retry_at = Some(self.demand.retry_at.map_or(at, |t| t.min(at)));
-                    self.demand.missing_bytes += entry.bytes;
+                    self.demand.missing_bytes += demand(entry.bytes);
                     continue;
                 }
                 State::Requested | State::Failed(_) => {}
                 State::Loading | State::Ready(_) => {
-                    self.demand.missing_bytes += entry.bytes;
+                    self.demand.missing_bytes += demand(entry.bytes);
                     continue;
                 }
                 State::Resident(_) | State::GivenUp => continue,
@@ -85,8 +83,12 @@ impl Pager {
             };
             entry.state = State::Requested;
             entry.bytes = entry.bytes.max(estimate);
-            self.demand.missing_bytes += entry.bytes;
-            let class = u8::from(!matches!(key, PageKey::Root(_)));
+            self.demand.missing_bytes += demand(entry.bytes);
+            let class = match key {
+                _ if ahead => 2,
+                PageKey::Root(_) => 0,
+                _ => 1,
+            };
             let order = u16::from(key.rank()) * 32 + u16::from(key.level());
             wanted.push((
                 Urgency {
@@ -125,7 +127,7 @@ impl Pager {
     }
 
     /// Takes out what does not fit beside the pages in use, the least urgent first, and what would come without its
-    /// parents. Gives the bytes to clear for the rest.
+    /// parents; leaves the rest in order. Gives the bytes to clear for it.
     fn admit(&mut self, wanted: &mut Vec<(Urgency, u32)>) -> u64 {
         let bytes = |slot: u32| self.table.get(slot).map_or(0, |s| s.bytes);
         let status = self.loaders.loads.status();
@@ -136,46 +138,54 @@ impl Pager {
             .map(|h| bytes(h.slot))
             .sum();
         let taken = self.pinned_bytes + self.used_bytes + held + status.arriving_bytes;
-        let mut room = self.config.budget_bytes.saturating_sub(taken);
-        let total: u64 = wanted.iter().map(|(_, slot)| bytes(*slot)).sum();
+        let limits = self.config.limits();
+        let mut room = limits.all.saturating_sub(taken);
+        let reserve = limits.all - limits.usual;
+        let under_way = self.arriving.iter().filter_map(|h| self.table.get(h.slot));
+        let coming: u64 = under_way.filter(|s| s.ahead).map(|s| s.bytes).sum();
+        let mut ahead_room = (limits.all / AHEAD_PART).saturating_sub(self.ahead_bytes + coming);
         let before = wanted.len();
-        if total > room {
-            wanted.sort_unstable_by_key(|(urgency, _)| *urgency);
-            let mut missing: HashMap<TreeId, u8> = HashMap::new();
-            wanted.retain(|(_, slot)| {
-                let Some(entry) = self.table.get(*slot) else {
-                    return false;
-                };
-                let (tree, level) = (entry.key.tree(), entry.key.level());
-                let root = matches!(entry.key, PageKey::Root(_));
-                let orphan = missing.get(&tree).is_some_and(|l| *l <= level);
-                if root || (entry.bytes <= room && !orphan) {
-                    room = room.saturating_sub(entry.bytes);
-                    return true;
-                }
-                if matches!(entry.key, PageKey::Level { .. }) {
-                    missing
-                        .entry(tree)
-                        .and_modify(|l| *l = (*l).min(level))
-                        .or_insert(level);
-                }
-                false
-            });
-        }
-        self.demand.deferred = before - wanted.len();
-        let first = wanted
-            .iter()
-            .min_by_key(|(urgency, _)| *urgency)
-            .map_or(0, |(_, slot)| bytes(*slot));
-        let total: u64 = wanted.iter().map(|(_, slot)| bytes(*slot)).sum();
-        first.max(total.min(self.config.budget_bytes / HEADROOM))
+        wanted.sort_unstable_by_key(|(urgency, _)| *urgency);
+        let mut missing: HashMap<TreeId, u8> = HashMap::new();
+        let mut ahead_left = 0;
+        wanted.retain(|(_, slot)| {
+            let Some(entry) = self.table.get(*slot) else {
+                return false;
+            };
+            let (tree, level) = (entry.key.tree(), entry.key.level());
+            let cost = entry.bytes + Loads::JOB_BYTES;
+            let usable = match entry.key {
+                PageKey::Root(_) if !entry.ahead => room,
+                _ => room.saturating_sub(reserve),
+            };
+            let orphan = missing.get(&tree).is_some_and(|l| *l <= level);
+            if cost <= usable && !orphan && (!entry.ahead || cost <= ahead_room) {
+                room -= cost;
+                ahead_room -= if entry.ahead { cost } else { 0 };
+                return true;
+            }
+            ahead_left += usize::from(entry.ahead);
+            if matches!(entry.key, PageKey::Level { .. }) {
+                missing
+                    .entry(tree)
+                    .and_modify(|l| *l = (*l).min(level))
+                    .or_insert(level);
+            }
+            false
+        });
+        self.demand.deferred = before - wanted.len() - ahead_left;
+        let cost = |slot: u32| bytes(slot) + Loads::JOB_BYTES;
+        let first = wanted.first().map_or(0, |(_, slot)| cost(*slot));
+        let total: u64 = wanted.iter().map(|(_, slot)| cost(*slot)).sum();
+        first.max(total.min(self.config.budget_bytes / PARTS))
     }
 
     /// Evicts unused pages until `clear` bytes are free, as far as there are any.
     fn evict_for(&mut self, clear: u64) {
         let status = self.loaders.loads.status();
         let staying = status.committed - status.leaving_bytes;
-        let mut excess = (staying + clear).saturating_sub(self.config.budget_bytes);
+        // Roots, too, leave the reserve alone as long as something else can go.
+        let mut excess = (staying + clear).saturating_sub(self.config.limits().usual);
         let mut pages = Vec::new();
         let mut freed = 0;
         while excess > 0 {
@@ -195,6 +205,7 @@ impl Pager {
 
     /// Takes a page away, and with it what was under way below it. Gives the bytes.
     fn evict(&mut self, slot: u32, pages: &mut Vec<Page>) -> u64 {
+        self.not_ahead(slot);
         self.chunks.remove(slot);
         self.levels.remove(slot);
         let Some(entry) = self.table.remove(slot) else {
@@ -273,11 +284,10 @@ impl Pager {
                 )
             }
         };
-        let exempt = matches!(entry.key, PageKey::Root(_));
         let job = Job {
             handle: self.table.handle(slot)?,
             estimate: entry.bytes,
-            exempt,
+            reserved: matches!(entry.key, PageKey::Root(_)) && !entry.ahead,
             work,
         };
         Some((urgency, u64::from(entry.key.tree().0) << 8 | u64::from(part), job))

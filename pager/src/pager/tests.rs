@@ -1,5 +1,6 @@
 //! The pager against a small terrain in memory, with faults.
 
+mod ahead;
 mod budget;
 mod faults;
 mod order;

@@ -16,6 +16,9 @@ pub enum Fault {
     Short,
     /// Reads take at least this long.
     Delay(Duration),
+    /// A read returns only after one that began later has returned, or after this long if there is none: reads come back
+    /// in another order than they were begun.
+    Overtaken(Duration),
     /// Reads do not return before the faults of the object are cleared.
     Hang,
     /// The bit of this number in the object is inverted.
@@ -33,7 +36,8 @@ pub struct ReadRecord {
     pub len: usize,
 }
 
-/// Objects in memory, with faults and a record of the reads. Shared by reference between the test and the loaders.
+/// Objects in memory, with faults and a record of the reads: for tests of whatever reads from a [`Store`], and for trying
+/// out what a slow or broken disk does to a program. Shared by reference between who injects and the loaders.
 #[derive(Debug, Default)]
 pub struct MemoryStore {
     state: Mutex<State>,
@@ -44,12 +48,18 @@ pub struct MemoryStore {
 struct State {
     objects: HashMap<String, Arc<Vec<u8>>>,
     faults: HashMap<String, Vec<Fault>>,
+    /// Faults of all objects.
+    everywhere: Vec<Fault>,
     reads: Vec<ReadRecord>,
+    /// Reads begun so far, and the number of the latest one that has returned.
+    begun: u64,
+    returned: u64,
 }
 
 impl State {
     fn faults(&self, name: &str) -> Vec<Fault> {
-        self.faults.get(name).cloned().unwrap_or_default()
+        let own = self.faults.get(name).into_iter().flatten();
+        own.chain(&self.everywhere).copied().collect()
     }
 
     fn object(&self, name: &str) -> io::Result<Arc<Vec<u8>>> {
@@ -92,6 +102,20 @@ impl MemoryStore {
         self.lock().faults.entry(name.to_owned()).or_default().push(fault);
     }
 
+    /// Adds a fault to the later reads of all objects.
+    pub fn inject_everywhere(&self, fault: Fault) {
+        self.lock().everywhere.push(fault);
+    }
+
+    /// Takes all faults away and lets hung reads go on.
+    pub fn clear_all_faults(&self) {
+        let mut state = self.lock();
+        state.faults.clear();
+        state.everywhere.clear();
+        drop(state);
+        self.cleared.notify_all();
+    }
+
     /// Takes all faults of an object away and lets its hung reads go on.
     pub fn clear_faults(&self, name: &str) {
         self.lock().faults.remove(name);
@@ -122,39 +146,56 @@ impl Store for MemoryStore {
             offset,
             len,
         });
+        state.begun += 1;
+        let number = state.begun;
         while state.faults(name).contains(&Fault::Hang) {
             state = self.cleared.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
         let (faults, object) = (state.faults(name), state.object(name));
-        drop(state);
-        let object = object?;
-        let end = offset
-            .checked_add(len as u64)
-            .filter(|end| *end <= object.len() as u64);
-        let end = end.ok_or_else(|| ends_early(offset, len, object.len() as u64))?;
-        let mut bytes = object[offset as usize..end as usize].to_vec();
-        for fault in faults {
-            match fault {
-                Fault::Error(kind) => return Err(kind.into()),
-                Fault::Short => bytes.truncate(len / 2),
-                Fault::Delay(time) => std::thread::sleep(time),
-                Fault::FlipBit(bit) => {
-                    let place = (bit / 8)
-                        .checked_sub(offset)
-                        .and_then(|at| bytes.get_mut(at as usize));
-                    if let Some(byte) = place {
-                        *byte ^= 1 << (bit % 8);
-                    }
-                }
-                Fault::Hang => {}
+        for fault in &faults {
+            if let Fault::Overtaken(most) = fault {
+                let waits = |state: &mut State| state.returned <= number;
+                let waited = self.cleared.wait_timeout_while(state, *most, waits);
+                state = waited.unwrap_or_else(PoisonError::into_inner).0;
             }
         }
-        Ok(bytes)
+        drop(state);
+        let bytes = object.and_then(|object| damaged(&object, &faults, offset, len));
+        let mut state = self.lock();
+        state.returned = state.returned.max(number);
+        drop(state);
+        self.cleared.notify_all();
+        bytes
     }
 
     fn describe(&self, name: &str) -> String {
         format!("memory:{name}")
     }
+}
+
+/// A range of an object as a read with these faults gives it.
+fn damaged(object: &[u8], faults: &[Fault], offset: u64, len: usize) -> io::Result<Vec<u8>> {
+    let size = object.len() as u64;
+    let end = offset.checked_add(len as u64).filter(|end| *end <= size);
+    let end = end.ok_or_else(|| ends_early(offset, len, size))?;
+    let mut bytes = object[offset as usize..end as usize].to_vec();
+    for fault in faults {
+        match fault {
+            Fault::Error(kind) => return Err((*kind).into()),
+            Fault::Short => bytes.truncate(len / 2),
+            Fault::Delay(time) => std::thread::sleep(*time),
+            Fault::FlipBit(bit) => {
+                let place = (bit / 8)
+                    .checked_sub(offset)
+                    .and_then(|at| bytes.get_mut(at as usize));
+                if let Some(byte) = place {
+                    *byte ^= 1 << (bit % 8);
+                }
+            }
+            Fault::Hang | Fault::Overtaken(_) => {}
+        }
+    }
+    Ok(bytes)
 }
 
 #[cfg(test)]
@@ -178,5 +219,41 @@ mod tests {
         store.clear_faults("a");
         assert_eq!(store.read("a", 0, 8).unwrap(), [0; 8]);
         assert_eq!(store.take_reads().len(), 7);
+    }
+
+    #[test]
+    fn a_read_that_is_overtaken_returns_second() {
+        let store = MemoryStore::new();
+        store.put("a", vec![1]);
+        store.put("b", vec![2]);
+        store.inject("a", Fault::Overtaken(Duration::from_secs(20)));
+        let order = Mutex::new(Vec::new());
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                store.read("a", 0, 1).unwrap();
+                order.lock().unwrap().push("a");
+            });
+            while store.lock().begun == 0 {
+                std::thread::yield_now();
+            }
+            let b = store.read("b", 0, 1).unwrap();
+            assert_eq!(b, [2]);
+        });
+        // It returned at all: nobody waited twenty seconds for nothing.
+        assert_eq!(
+            (order.into_inner().unwrap(), store.lock().returned),
+            (vec!["a"], 2)
+        );
+    }
+
+    #[test]
+    fn faults_everywhere_meet_every_object() {
+        let store = MemoryStore::new();
+        store.put("a", vec![0; 2]);
+        store.put("b", vec![0; 2]);
+        store.inject_everywhere(Fault::Error(io::ErrorKind::TimedOut));
+        assert!(store.read("a", 0, 1).is_err() && store.len("b").is_err());
+        store.clear_all_faults();
+        assert!(store.read("a", 0, 1).is_ok() && store.len("b").is_ok());
     }
 }

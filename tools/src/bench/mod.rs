@@ -7,8 +7,10 @@
 pub mod agreement;
 pub mod builder;
 pub mod caster;
+pub mod culler;
 mod filter_scenes;
 pub mod filters;
+pub mod pager;
 mod scenes;
 pub mod truth;
 
@@ -85,10 +87,34 @@ pub const SUITES: &[Suite] = &[
         run: agreement::rows,
     },
     Suite {
+        name: "culler",
+        about: "culling and ordering, few and many trees in view",
+        draws: false,
+        run: culler::rows,
+    },
+    Suite {
         name: "filters",
         about: "error and memory of the builder's filters, against the truth",
         draws: false,
         run: filters::rows,
+    },
+    Suite {
+        name: "pager",
+        about: "flights over a procedural terrain: memory, reading, and how long until it is sharp",
+        draws: false,
+        run: pager::rows,
+    },
+    Suite {
+        name: "pager-growth",
+        about: "one view on terrains of 1, 10 and 100 times the area",
+        draws: false,
+        run: pager::growth,
+    },
+    Suite {
+        name: "pager-rates",
+        about: "what the pager's parts cost: queue, frame, reading, shutdown",
+        draws: false,
+        run: pager::rates::rows,
     },
     Suite {
         name: "truth",

@@ -5,6 +5,7 @@
 //! scene whatever the number of threads.
 
 pub(crate) mod bricks;
+mod order;
 mod seams;
 mod tree;
 
@@ -13,7 +14,6 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use brickfell_culler::{Aabb, SceneGraph, TreeId, overlapping_pairs};
 use brickfell_formats::bricks::brick_file_name;
 use brickfell_formats::scene::{Bounds, CoarseOctTree, Group, PagedOctTree, Scene};
 use brickfell_pager::{FolderStore, Store};
@@ -32,9 +32,6 @@ pub struct Args {
     #[arg(value_name = "DIR")]
     pub dir: PathBuf,
 }
-
-/// Most pairs of overlapping trees that are listed one by one.
-const LISTED_PAIRS: usize = 20;
 
 /// What was found out about a database.
 #[derive(Debug, Default)]
@@ -131,7 +128,7 @@ fn check(store: &FolderStore, scene: &Scene, bar: &ProgressBar) -> Report {
     for coarse in &coarse {
         check_voxel(store, coarse, &trees, &mut report);
     }
-    check_overlaps(store, &references, &trees, &mut report);
+    order::check(store, &references, &trees, &mut report);
     report
 }
 
@@ -244,49 +241,5 @@ fn check_voxel(
             coarse.voxel, header.voxel_size
         );
         report.faults.push(located(store, SCENE_FILE, what));
-    }
-}
-
-/// Trees that overlap have no right order for drawing.
-fn check_overlaps(
-    store: &dyn Store,
-    references: &[&PagedOctTree],
-    trees: &BTreeMap<&str, TreeReport>,
-    report: &mut Report,
-) {
-    let mut builder = SceneGraph::builder();
-    let added = builder.add_group(None).and_then(|group| {
-        for (id, reference) in (0..).zip(references) {
-            let header = trees.get(reference.tree_file.as_str()).and_then(|t| t.header);
-            let drawn = reference.bounds.map(|b| [b.min, b.max]);
-            let bounds = header.and_then(|h| {
-                let [min, max] = drawn.unwrap_or(h.bounds());
-                Aabb::new(min, max).ok()
-            });
-            if let Some(bounds) = bounds {
-                builder.add_tree(Some(group), TreeId(id), bounds)?;
-            }
-        }
-        Ok(())
-    });
-    if let Err(e) = added {
-        report
-            .faults
-            .push(located(store, SCENE_FILE, format_args!("file: {e}")));
-        return;
-    }
-    let pairs = overlapping_pairs(&builder.finish());
-    let name = |id: TreeId| references.get(id.0 as usize).map_or("", |t| t.tree_file.as_str());
-    for (a, b) in pairs.iter().take(LISTED_PAIRS) {
-        let what = format!(
-            "file: the boxes of {} and {} overlap: no order of drawing is right for them",
-            name(*a),
-            name(*b)
-        );
-        report.warnings.push(located(store, SCENE_FILE, what));
-    }
-    if pairs.len() > LISTED_PAIRS {
-        let what = format!("file: {} more pairs of trees overlap", pairs.len() - LISTED_PAIRS);
-        report.warnings.push(located(store, SCENE_FILE, what));
     }
 }

@@ -22,18 +22,21 @@ use crate::flight::Flight;
 use crate::holes::count_holes;
 use crate::picture_file::{Image, over_sky, save_overview};
 use crate::report::{FrameEntry, Percentiles, Report, Summary, peak_rss, per_ray};
+use crate::trace::Trace;
 
 /// Seconds of the orbit that is flown without a path.
 const ORBIT_SECONDS: f64 = 12.0;
 /// Frames where neither a number nor a rate is given.
 const DEFAULT_FRAMES: usize = 24;
+/// Trees whose headers are read at most to find out what is in them; of larger scenes the boxes must do.
+const HEADERS: usize = 4096;
 /// Frames that the overview shows at most.
 const OVERVIEW_FRAMES: usize = 240;
 
 /// Arguments of `brickfell fly`.
 #[derive(ClapArgs, Clone, Debug)]
 pub struct Args {
-    /// Folder of the terrain
+    /// Folder of the terrain, or `procedural:SEED?extent=METRES&voxel=METRES` for one that is made as it is flown over
     pub dir: PathBuf,
     /// Camera path, JSON: `{"keys":[{"t":0,"eye":[x,y,z],"target":[x,y,z]},…]}`; without it an orbit
     #[arg(long, value_name = "FILE")]
@@ -50,6 +53,9 @@ pub struct Args {
     /// Folder for frames, overview and report
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Write what culler and pager did in each frame: a trace for Perfetto, chrome://tracing and `brickfell stats`
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
     /// Picture, budgets, light
     #[command(flatten)]
     pub view: ViewArgs,
@@ -76,6 +82,7 @@ struct Flying<'a> {
     /// Alphas of settled pictures, for the count of holes.
     pictures: Vec<Picture>,
     counters: RayCounters,
+    trace: Option<Trace>,
     bar: ProgressBar,
 }
 
@@ -100,6 +107,10 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     };
     let trees_total = terrain.trees.len();
     prepare_folder(&args.out)?;
+    let trace = match &args.trace {
+        Some(file) => Some(Trace::create(file).map_err(|e| file_error(file, e))?),
+        None => None,
+    };
     let renderer = Renderer::new(open_gpu()?, Arc::clone(&store), terrain, args.view.config())?;
     let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} frames, {eta} left");
     let bar = ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
@@ -113,6 +124,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         images: Vec::new(),
         pictures: Vec::new(),
         counters: RayCounters::default(),
+        trace,
         bar,
     };
     let start = Instant::now();
@@ -120,6 +132,9 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         flying.fly_settled()?
     } else {
         flying.fly_real_time()?
+    }
+    if let (Some(trace), Some(file)) = (flying.trace.take(), &args.trace) {
+        trace.finish().map_err(|e| file_error(file, e))?;
     }
     let mut report = flying.report(start.elapsed().as_secs_f64(), trees_total);
     if args.settle {
@@ -176,6 +191,9 @@ fn prepare_folder(folder: &Path) -> Result<(), CommandError> {
 
 /// The box of what the trees' headers say is in them (their surface voxels), where they say it.
 fn data_bounds(store: &dyn Store, trees: &[String]) -> Option<Aabb> {
+    if trees.len() > HEADERS {
+        return None;
+    }
     trees
         .iter()
         .filter_map(|name| read_header(store, name).ok())
@@ -275,6 +293,12 @@ impl Flying<'_> {
         image.save(&file).map_err(|e| file_error(&file, e))?;
         if self.images.len() < OVERVIEW_FRAMES {
             self.images.push(image);
+        }
+        if let (Some(trace), Some(file)) = (&mut self.trace, &self.args.trace) {
+            let (stats, faults) = (self.renderer.pager_stats(), self.renderer.faults());
+            // In real time only who waited knows how long the device took.
+            let report = FrameReport { frame_ms, ..*report };
+            (trace.frame(&report, &stats, faults)).map_err(|e| file_error(file, e))?;
         }
         let feedback = self.renderer.feedback();
         let c = &feedback.counters;

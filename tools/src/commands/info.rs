@@ -6,6 +6,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use brickfell_culler::{Printer, Statistics};
 use brickfell_formats::bricks::brick_file_name;
 use brickfell_formats::octree::Octree;
 use brickfell_formats::octree_binary;
@@ -15,19 +16,25 @@ use indicatif::{HumanBytes, HumanCount};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::CommandError;
 use super::database::{folder_bytes, located, open_scene, print, read_octree};
+use super::{CommandError, open_terrain};
 
 /// Arguments of `info`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Folder of the database: the one that holds scene.xml
+    /// Folder of the database: the one that holds scene.xml; with `--graph` also `procedural:SEED`
     #[arg(value_name = "DIR")]
     pub dir: PathBuf,
     /// Print JSON: trees, coarse_trees, coarse_bytes, levels, bricks, voxels, bytes, bytes_per_level, bytes_per_voxel, voxel_size, bounds, crs
     #[arg(long)]
     pub json: bool,
+    /// Print the scene graph instead: groups and trees with their boxes, as they nest
+    #[arg(long, conflicts_with = "json")]
+    pub graph: bool,
 }
+
+/// Trees of a group that are listed one by one.
+const LISTED_TREES: usize = 16;
 
 /// A box in the world, metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -91,6 +98,9 @@ struct TreeInfo {
 /// # Errors
 /// A scene or an octree that cannot be read, or a brick file that is missing.
 pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
+    if args.graph {
+        return graph(args);
+    }
     let info = inspect(args)?;
     if args.json {
         print(&(serde_json::to_string_pretty(&info)? + "\n"))?;
@@ -98,6 +108,32 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         print(&describe(&info))?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Prints the scene graph and its figures; faults of the scene go to standard error.
+fn graph(args: &Args) -> Result<ExitCode, CommandError> {
+    let (_, terrain) = open_terrain(&args.dir)?;
+    let (mut printer, mut statistics) = (Printer::new(LISTED_TREES), Statistics::default());
+    terrain.graph.accept(&mut printer);
+    terrain.graph.accept(&mut statistics);
+    let Statistics {
+        groups,
+        trees,
+        coarse,
+        nesting,
+        widest,
+        overlapping,
+        empty,
+    } = statistics;
+    print(&printer.finish())?;
+    print(&format!(
+        "{groups} groups nested {nesting} deep, up to {widest} children; {trees} trees, {empty} of them empty; {coarse} coarse trees; \
+         children overlap in {overlapping} groups\n"
+    ))?;
+    for fault in &terrain.faults {
+        eprintln!("brickfell: {fault}");
+    }
+    Ok(ExitCode::from(if terrain.faults.is_empty() { 0 } else { 2 }))
 }
 
 fn inspect(args: &Args) -> Result<Info, CommandError> {
@@ -228,7 +264,12 @@ mod tests {
     fn a_scene_written_by_hand_has_its_trees_as_bounds() {
         let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/two_trees");
         let bytes = folder_bytes(&dir).unwrap();
-        let info = inspect(&Args { dir, json: true }).unwrap();
+        let info = inspect(&Args {
+            dir,
+            json: true,
+            graph: false,
+        })
+        .unwrap();
         assert_eq!((info.trees, info.levels, info.bricks, info.voxels), (2, 5, 0, 0));
         assert_eq!((info.bytes, info.bytes_per_voxel), (bytes, None));
         assert_eq!(info.bytes_per_level[1..], [0; 4]);

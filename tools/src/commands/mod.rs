@@ -14,13 +14,14 @@ pub mod fly;
 pub mod info;
 pub mod input_args;
 pub mod render;
+pub mod stats;
 pub mod view_args;
 
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
-use brickfell_pager::{FolderStore, Store};
+use brickfell_pager::{FolderStore, ProceduralConfig, ProceduralStore, Store};
 use brickfell_runtime::error::RuntimeError;
 use brickfell_runtime::gpu::Gpu;
 use brickfell_runtime::terrain::Terrain;
@@ -59,15 +60,24 @@ impl fmt::Display for CommandError {
     }
 }
 
-/// Opens a terrain's folder.
+/// What a terrain begins with that is made from a seed instead of read from a folder.
+const PROCEDURAL: &str = "procedural:";
+
+/// Opens a terrain: a folder, or `procedural:SEED?extent=METRES&voxel=METRES`.
 ///
 /// # Errors
-/// If there is no readable `scene.xml` in it.
-pub fn open_terrain(folder: &Path) -> Result<(Arc<dyn Store>, Terrain), CommandError> {
+/// If there is no readable `scene.xml` in the folder, or no such procedural terrain.
+pub fn open_terrain(terrain: &Path) -> Result<(Arc<dyn Store>, Terrain), CommandError> {
     let hint = "give a folder that `brickfell build` made, or one with a hand-written scene.xml";
-    let store = FolderStore::open(folder)
-        .map_err(|e| CommandError::new(format!("{}: {e}", folder.display()), hint))?;
-    let store: Arc<dyn Store> = Arc::new(store);
+    let fail = |e: &dyn fmt::Display, hint| CommandError::new(format!("{}: {e}", terrain.display()), hint);
+    let store: Arc<dyn Store> = match terrain.to_str().and_then(|t| t.strip_prefix(PROCEDURAL)) {
+        Some(address) => {
+            let hint = "for instance procedural:1?extent=10km&voxel=0.5";
+            let config = ProceduralConfig::parse(address).map_err(|e| fail(&e, hint))?;
+            Arc::new(ProceduralStore::new(config).map_err(|e| fail(&e, hint))?)
+        }
+        None => Arc::new(FolderStore::open(terrain).map_err(|e| fail(&e, hint))?),
+    };
     let terrain = Terrain::open(&store).map_err(|e| CommandError::new(e, hint))?;
     Ok((store, terrain))
 }

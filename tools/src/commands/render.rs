@@ -22,7 +22,7 @@ const MAX_RAYS: i64 = 1 << 16;
 /// Arguments of `brickfell render`.
 #[derive(ClapArgs, Clone, Debug)]
 pub struct Args {
-    /// Folder of the terrain
+    /// Folder of the terrain, or `procedural:SEED?extent=METRES&voxel=METRES` for one that is made as it is looked at
     pub dir: PathBuf,
     /// Where the camera is, world metres
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]

@@ -16,5 +16,6 @@ mod convert;
 mod fly;
 mod info;
 mod inputs;
+mod paging;
 mod rasters;
 mod resume;

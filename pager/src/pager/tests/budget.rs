@@ -23,6 +23,11 @@ fn sizes(depth: u8) -> (u64, u64) {
     (levels, flight.pager.stats().resident_bytes - levels)
 }
 
+/// A budget that leaves so many bytes beside the reserve for roots.
+fn beside_the_reserve(bytes: u64) -> u64 {
+    bytes + bytes / 15 + 1
+}
+
 #[test]
 fn a_second_look_back_loads_nothing_and_rest_is_rest() {
     let (levels, bytes) = sizes(4);
@@ -75,29 +80,29 @@ fn when_the_view_does_not_fit_the_nearest_is_served_and_nothing_moves() {
 
 #[test]
 fn a_level_is_not_loaded_when_its_parent_has_no_room() {
-    // Level 3 is large, level 4 is one tile.
-    let mut tree = octree(4);
-    for node in &mut tree.levels[3][1..] {
+    // Level 5 is large, level 6 is one tile.
+    let mut tree = octree(6);
+    for node in &mut tree.levels[5][1..] {
         *node = Node::new(None, node.data());
     }
-    tree.levels[4].truncate(8);
+    tree.levels[6].truncate(8);
     let store = Arc::new(MemoryStore::new());
     for (name, bytes) in objects_of(&tree, "0.oct", 0) {
         store.put(&name, bytes);
     }
-    let wants = [(level(0, 4), 0.0)];
+    let wants = [(level(0, 6), 0.0)];
     let mut flight = Flight::new(pager(&store, 1, config(1 << 30, 1)));
-    flight.settle(&[(level(0, 2), 0.0)]);
+    flight.settle(&[(level(0, 4), 0.0)]);
     let coarse = flight.pager.stats().resident_bytes;
     flight.settle(&wants);
-    let mut flight = Flight::new(pager(&store, 1, config(coarse + 1000, 1)));
+    let mut flight = Flight::new(pager(&store, 1, config(beside_the_reserve(coarse + 6000), 1)));
     flight.settle(&wants);
     let (stats, status) = (flight.pager.stats(), flight.pager.loaders.loads.status());
-    assert!(flight.has(level(0, 2)) && !flight.has(level(0, 3)));
+    assert!(flight.has(level(0, 4)) && !flight.has(level(0, 5)));
     assert_eq!(
         (stats.deferred, stats.held),
         (2, 0),
-        "level 4 would wait for a parent that does not come"
+        "level 6 would wait for a parent that does not come"
     );
     assert_eq!(status.committed, stats.resident_bytes);
 }
@@ -129,7 +134,7 @@ fn a_released_tree_makes_room_and_comes_back() {
     let (levels, bytes) = sizes(4);
     let store = store(&[4, 4]);
     // One tree and eight chunks, and not the root of another.
-    let budget = levels + bytes * 8 + 1000;
+    let budget = beside_the_reserve(levels + bytes * 8 + 2000);
     let mut flight = Flight::new(pager(&store, 2, config(budget, 2)));
     flight.settle(&chunks(0, 4, 0..6));
     let first = flight.pager.stats().resident_bytes;
@@ -155,7 +160,7 @@ fn a_released_tree_makes_room_and_comes_back() {
 fn a_result_whose_parent_was_evicted_is_dropped_and_its_bytes_come_back() {
     let (levels, bytes) = sizes(4);
     let store = store(&[4, 4]);
-    let budget = levels * 3 / 2 + bytes * 8;
+    let budget = beside_the_reserve(levels * 3 / 2 + bytes * 8);
     let mut flight = Flight::new(pager(&store, 2, config(budget, 3)));
     flight.settle(&[(level(0, 4), 0.0)]);
     store.inject("0.L04.brk", Fault::Hang);
@@ -241,13 +246,8 @@ proptest! {
             if k % 16 == 0 {
                 flight.settle(&[]);
             }
-            let roots: u64 = (0..3)
-                .filter_map(|t| flight.pager.tree(TreeId(t)))
-                .map(|t| t.root.memory())
-                .sum();
             let stats = flight.pager.stats();
-            prop_assert!(stats.resident_bytes <= budget.max(roots), "{stats:?} of {budget}");
-            prop_assert!(stats.peak_bytes <= budget + 3 * (64 << 10), "{stats:?} of {budget}");
+            prop_assert!(stats.peak_bytes <= budget, "{stats:?} of {budget}");
             for t in 0..3 {
                 let Some(state) = flight.pager.tree(TreeId(t)) else {
                     prop_assert!((0..5).all(|l| (0..64).all(|k| !flight.has(chunk(t, l, k)))));

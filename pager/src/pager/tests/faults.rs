@@ -256,3 +256,25 @@ fn slow_reads_are_waited_for_only_by_who_asks_for_it() {
     flight.settle(&[(root(0), 0.0)]);
     assert!(flight.has(root(0)));
 }
+
+#[test]
+fn reads_that_are_late_and_come_in_any_order_give_the_same_tree() {
+    let wants: Vec<(PageKey, f64)> = all(0, 3).into_iter().chain(all(1, 3)).collect();
+    let flown = |slow: bool| {
+        let store = store(&[3, 3]);
+        if slow {
+            store.inject_everywhere(Fault::Overtaken(Duration::from_millis(3)));
+            store.inject("0.L02.brk", Fault::Delay(Duration::from_millis(2)));
+        }
+        let mut flight = Flight::new(pager(&store, 2, config(PLENTY, 3)));
+        flight.settle(&wants);
+        flight.settle(&wants);
+        assert!(flight.pager.drain_faults().is_empty());
+        let chunk = |key: &PageKey| match *key {
+            PageKey::Chunk { tree, level, chunk } => flight.pager.chunk(tree, level, chunk).cloned(),
+            _ => None,
+        };
+        wants.iter().map(|(key, _)| chunk(key)).collect::<Vec<_>>()
+    };
+    assert_eq!(flown(true), flown(false));
+}
