@@ -107,11 +107,23 @@ impl TexelLevel {
         area: CellBox,
         support: &CellBox,
     ) -> Self {
+        // With a cell more on each side, neighbours of all that is stored can be looked at.
+        let ring = area.grown(1);
+        let ringed = ring.intersection(support) == ring;
+        let looks = ringed && !hints.is_empty();
         let width = area.hi[0] - area.lo[0];
         let columns = width * (area.hi[1] - area.lo[1]);
         let solid = (0..columns)
             .into_par_iter()
-            .map(|k| Sample::DEEP.stored(hints.hint(area.lo[0] + k % width, area.lo[1] + k / width)))
+            .map(|k| {
+                let (x, y) = (area.lo[0] + k % width, area.lo[1] + k / width);
+                let hint = if looks {
+                    hints.deep_hint(x, y)
+                } else {
+                    hints.hint(x, y)
+                };
+                Sample::DEEP.stored(hint)
+            })
             .collect();
         let mut level = Self {
             area,
@@ -125,13 +137,9 @@ impl TexelLevel {
             solid,
             axes: skins.is_some_and(|s| s.axes),
         };
-        // With a cell more on each side, neighbours of all that is stored can be looked at.
-        let ring = area.grown(1);
-        let ringed = ring.intersection(support) == ring;
         let known = if ringed { ring } else { area };
         let extent = known.blocks();
         let heights = extent.lo[2]..extent.hi[2];
-        let looks = ringed && !hints.is_empty();
         let columns = block_columns(&extent)
             .into_par_iter()
             .map(|(x, y)| {
@@ -181,7 +189,7 @@ impl TexelLevel {
         let known = part(known, at);
         if looks {
             block.surfaces.first.resize((SIDE * SIDE) as usize, 0);
-            let count = samples.iter().filter(|s| s.is_surface()).count();
+            let count = samples.iter().filter(|s| s.is_open()).count();
             block.surfaces.looks.reserve_exact(count);
         }
         for z in known.lo[2]..known.hi[2] {
@@ -200,7 +208,7 @@ impl TexelLevel {
                     let deep = sample.is_deep();
                     if deep {
                         block.deep[layer] |= bit;
-                    } else if looks && sample.is_surface() {
+                    } else if looks && sample.is_open() {
                         block.surfaces.met[layer] |= bit;
                         block.surfaces.looks.push(sample.surface_look());
                     }
@@ -238,7 +246,7 @@ impl TexelLevel {
     }
 
     /// Gives deep solid beside surfaces their look: it is interpolated with them, and at the foot of a cliff the ground above
-    /// its column is the cliff's top. What lies right below a surface keeps the look of the ground. Opacities do not count:
+    /// its column is the cliff's top. What lies right below a surface has its look. Opacities do not count:
     /// those of the support's last cells are not final.
     fn look_beside(&mut self) {
         let extent = self.area.blocks();
@@ -347,7 +355,6 @@ impl TexelLevel {
                 *row = a >> 7 | b << 1 | (c & 1) << 9;
             }
         }
-        let above = self.blocks.column(x, y).get(z + 1);
         let deep = |block: &Block<Box<TexelBlock>>, z: usize, y: usize| match block {
             Block::Empty => 0,
             Block::Solid => u8::MAX,
@@ -361,17 +368,17 @@ impl TexelLevel {
                     .iter()
                     .flat_map(|plane| &plane[y..y + 3])
                     .fold(0, |near, row| near | row);
-                let upper = if z < 7 {
-                    deep(&own, z + 1, y)
-                } else {
-                    deep(&above, 0, y)
-                };
-                let lone = u16::from(deep(&own, z, y) & upper) & inside;
-                let mut left = lone & (near | near >> 1 | near >> 2);
+                let below = met[z + 2][y + 1] >> 1;
+                let solid = u16::from(deep(&own, z, y)) & inside;
+                let mut left = solid & (near | near >> 1 | near >> 2);
                 while left != 0 {
                     let x = left.trailing_zeros() as usize;
                     left &= left - 1;
-                    let hint = mean_look(&around, &met, [x, y, z]);
+                    let hint = if below >> x & 1 == 1 {
+                        look_of(surface_at(&around, [x + 1, y + 1, z + 2]))
+                    } else {
+                        mean_look(&around, &met, [x, y, z])
+                    };
                     changes.push((((z * 8 + y) * 8 + x) as u16, Sample::DEEP.stored(hint)));
                 }
             }
@@ -533,18 +540,24 @@ fn mean_look(around: &[Option<&Surfaces>; 27], met: &[[u16; 10]; 10], [x, y, z]:
         for (j, row) in plane[y..y + 3].iter().enumerate() {
             let mut left = *row >> x & 7;
             while left != 0 {
-                // Counted from the cell before the block.
-                let at = [x + left.trailing_zeros() as usize, y + j, z + k].map(|c| c + 7);
+                let look = surface_at(around, [x + left.trailing_zeros() as usize, y + j, z + k]);
                 left &= left - 1;
-                let block = at[2] / 8 * 9 + at[1] / 8 * 3 + at[0] / 8;
-                let Some(surfaces) = around[block] else { continue };
-                let look = surfaces.look(at[2] % 8 * 8 + at[1] % 8, at[0] % 8);
                 (0..8).for_each(|c| sum[c] += look[c]);
                 count += 1.0;
             }
         }
     }
-    let [r, g, b, x, y, z, _, _] = sum.map(|c| c / count);
+    look_of(sum.map(|c| c / count))
+}
+
+/// The look of a surface by its place, counted from the cell before the block.
+fn surface_at(around: &[Option<&Surfaces>; 27], at: [usize; 3]) -> SurfaceLook {
+    let at = at.map(|c| c + 7);
+    let block = at[2] / 8 * 9 + at[1] / 8 * 3 + at[0] / 8;
+    around[block].map_or([0.0; 8], |s| *s.look(at[2] % 8 * 8 + at[1] % 8, at[0] % 8))
+}
+
+fn look_of([r, g, b, x, y, z, _, _]: SurfaceLook) -> Hint {
     Hint {
         rgb: [r, g, b],
         normal: [x, y, z],
