@@ -1,16 +1,18 @@
 //! What ways of coding chunks cost: bytes and time, on the bricks of a database.
 //!
 //! `cargo bench -p brickfell-formats -- DIR [WAY]` reads one chunk in eight of all brick files under DIR and prints a table,
-//! of one way if it is named.
+//! of one way if it is named. Where WAY is `breakdown`, what the parts of packed payloads take, by level, of one chunk in five.
 //! Rates are megabytes of samples in memory per second of one thread.
 
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
 
-use brickfell_formats::bricks::{HEADER_BYTES, decode_header};
+use brickfell_formats::bricks::{BrickIndex, HEADER_BYTES, decode_header};
 use brickfell_formats::chunk::{Chunk, Encoding};
+use brickfell_formats::{Costs, Part};
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
@@ -36,21 +38,89 @@ fn brick_files(folder: &Path, found: &mut Vec<PathBuf>) -> Outcome<()> {
     Ok(())
 }
 
+fn index(bytes: &[u8]) -> Outcome<BrickIndex> {
+    let header = decode_header(&bytes[..HEADER_BYTES.min(bytes.len())], bytes.len() as u64)?;
+    let directory = header.directory();
+    Ok(header.decode_directory(&bytes[directory.start as usize..directory.end as usize])?)
+}
+
 fn chunks(folder: &Path) -> Outcome<Vec<Chunk>> {
     let (mut files, mut chunks) = (Vec::new(), Vec::new());
     brick_files(folder, &mut files)?;
     files.sort();
     for file in files {
         let bytes = fs::read(file)?;
-        let header = decode_header(&bytes[..HEADER_BYTES.min(bytes.len())], bytes.len() as u64)?;
-        let directory = header.directory();
-        let index = header.decode_directory(&bytes[directory.start as usize..directory.end as usize])?;
+        let index = index(&bytes)?;
         for (k, entry) in index.chunks.iter().enumerate().step_by(STRIDE) {
             let payload = &bytes[entry.offset as usize..][..entry.length as usize];
             chunks.push(index.decode_chunk(k as u32, payload)?);
         }
     }
     Ok(chunks)
+}
+
+/// Every so many chunks are taken apart: of all files in one row, so that coarse levels count for what they are.
+const BREAKDOWN_STRIDE: usize = 5;
+
+/// Prints what the parts of packed payloads take, by level.
+fn breakdown(folder: &Path) -> Outcome<()> {
+    let (mut files, mut number) = (Vec::new(), 0);
+    brick_files(folder, &mut files)?;
+    files.sort();
+    let mut levels = BTreeMap::new();
+    for file in files {
+        let bytes = fs::read(file)?;
+        let index = index(&bytes)?;
+        for (k, entry) in index.chunks.iter().enumerate() {
+            number += 1;
+            if number % BREAKDOWN_STRIDE != 0 {
+                continue;
+            }
+            let payload = &bytes[entry.offset as usize..][..entry.length as usize];
+            let costs = index
+                .decode_chunk(k as u32, payload)?
+                .costs()
+                .ok_or("a chunk that cannot be coded")?;
+            let level: &mut (u32, Costs) = levels.entry(index.header.level).or_default();
+            level.0 += 1;
+            for k in 0..Part::ALL.len() {
+                level.1.bits[k] += costs.bits[k];
+                level.1.symbols[k] += costs.symbols[k];
+            }
+        }
+    }
+    let names = levels
+        .keys()
+        .map(|level| format!(" {level} |"))
+        .collect::<String>();
+    println!("bytes by level (0 is the root), bits of a symbol\n\n| part |{names} all | bits |");
+    println!("|---|{}", "---|".repeat(levels.len() + 2));
+    for part in Part::ALL {
+        let of = |costs: &Costs| (costs.bits[part as usize], costs.symbols[part as usize]);
+        let cells: String = levels.values().map(|(_, costs)| bytes(of(costs).0)).collect();
+        let (bits, symbols) = levels
+            .values()
+            .map(|l| of(&l.1))
+            .fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        println!(
+            "| {part:?} |{cells}{} {:.2} |",
+            bytes(bits),
+            bits / symbols.max(1) as f64
+        );
+    }
+    let sums: Vec<f64> = levels.values().map(|l| l.1.bits.iter().sum()).collect();
+    let cells: String = sums.iter().map(|bits| bytes(*bits)).collect();
+    println!("| all |{cells}{} |", bytes(sums.iter().sum()));
+    let chunks: String = levels.values().map(|l| format!(" {} |", l.0)).collect();
+    println!(
+        "| chunks |{chunks} {} |",
+        levels.values().map(|l| l.0).sum::<u32>()
+    );
+    Ok(())
+}
+
+fn bytes(bits: f64) -> String {
+    format!(" {:.0} |", bits / 8.0)
 }
 
 /// A way to code chunks.
@@ -112,6 +182,9 @@ fn main() -> Outcome<()> {
         println!("give the folder of a database: cargo bench -p brickfell-formats -- DIR [WAY]");
         return Ok(());
     };
+    if only.as_deref() == Some("breakdown") {
+        return breakdown(Path::new(&folder));
+    }
     let chunks = chunks(Path::new(&folder))?;
     let memory: usize = chunks.iter().map(Chunk::memory).sum();
     println!("{} chunks, {memory} bytes in memory", chunks.len());

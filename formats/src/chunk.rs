@@ -13,7 +13,7 @@ use glam::UVec3;
 use crate::error::FormatError;
 use crate::layout::{BRICK_VOXELS, SampleLayout};
 use crate::morton;
-use crate::pack::{self, Grid};
+use crate::pack::{self, Costs, Grid};
 
 /// Largest chunk: 4³ bricks, one bit each in a 64-bit mask.
 pub const MAX_CHUNK_SIDE: u32 = 4;
@@ -25,7 +25,7 @@ pub enum Encoding {
     /// Column differences as they are.
     Plain = 0,
     /// By what is expected of each sample.
-    Packed = 3,
+    Packed = 4,
 }
 
 impl Encoding {
@@ -33,7 +33,7 @@ impl Encoding {
     pub fn from_code(code: u8) -> Option<Self> {
         match code {
             0 => Some(Self::Plain),
-            3 => Some(Self::Packed),
+            4 => Some(Self::Packed),
             _ => None,
         }
     }
@@ -344,8 +344,23 @@ impl Chunk {
         agree.then_some(planes)
     }
 
+    /// What each part of the packed payload takes; `None` if the chunk cannot be coded.
+    pub fn costs(&self) -> Option<Costs> {
+        let samples = self.bricks() * self.layout.samples();
+        if self.color.len() != samples || self.normal.len() != samples {
+            return None;
+        }
+        self.grid(&Region::new(self.mask, self.layout))
+            .map(|mut grid| pack::costs(&mut grid))
+    }
+
     /// The packed samples; `None` if bricks disagree.
     fn packed(&self, region: &Region) -> Option<Vec<u8>> {
+        self.grid(region).map(|mut grid| pack::encode(&mut grid))
+    }
+
+    /// The samples in their places; `None` if bricks disagree.
+    fn grid(&self, region: &Region) -> Option<Grid> {
         let mut grid = Grid::new(region.size, self.layers() == Layers::Axes);
         let mut agree = true;
         region.for_each_place(self.mask, self.layout, |sample, place| {
@@ -353,7 +368,7 @@ impl Chunk {
             let at = grid.index(place);
             agree &= grid.set(at, self.color[sample], self.normal[sample], opacity);
         });
-        agree.then(|| pack::encode(&mut grid))
+        agree.then_some(grid)
     }
 
     /// Decodes a payload whose checksum has been verified.

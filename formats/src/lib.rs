@@ -30,3 +30,4 @@ pub mod value;
 mod xml;
 
 pub use error::{FormatError, Place};
+pub use pack::{Costs, Part};

@@ -110,7 +110,8 @@ static GUESS: LazyLock<[u8; 4097]> = LazyLock::new(|| {
     })
 });
 
-fn srgb_decode(s: f64) -> f64 {
+/// Linear light of a value in the sRGB encoding, both 0..1.
+pub(crate) fn srgb_decode(s: f64) -> f64 {
     if s <= 0.04045 {
         s / 12.92
     } else {

@@ -14,7 +14,7 @@ fn seal(file: &mut [u8]) {
     file[..8].copy_from_slice(&bricks::MAGIC);
     file[8..12].copy_from_slice(&bricks::VERSION.to_le_bytes());
     file[15] = if file[15] & 1 == 0 { 0b11 } else { 0b111 };
-    file[16] = if file[16] & 1 == 0 { 2 } else { 0 };
+    file[16] = if file[16] & 1 == 0 { 4 } else { 0 };
     file[17..20].fill(0);
     file[40..60].fill(0);
     let chunks = usize::from(file[20] % 8).min((len - bricks::HEADER_BYTES) / bricks::ENTRY_BYTES);

@@ -6,6 +6,8 @@
 //! numeral systems") with two states in turn, so that two symbols are under way at once (F. Giesen 2014, "Interleaved
 //! entropy coders"); expectations are cumulative counts that move a part of the way towards what came.
 
+use super::meter::Part;
+
 /// Bits of an expectation.
 const BITS: u32 = 15;
 /// Certainty.
@@ -141,6 +143,10 @@ pub(super) trait Coder {
 
     /// Whether more bytes than there are have been asked for.
     fn failed(&self) -> bool;
+
+    /// What the symbols that follow tell; only a meter cares.
+    #[inline]
+    fn part(&mut self, _: Part) {}
 
     /// Codes a symbol: an encoder writes `symbol` and gives it back, a decoder gives what was written, whatever it is.
     #[inline]

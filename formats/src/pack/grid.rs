@@ -1,4 +1,7 @@
 //! The samples of a chunk in the box that covers its bricks, with room around it so that neighbours need no checks.
+//!
+//! Columns run along z from the top down. What a column has where is bits of words ([`Column`]), so that runs and neighbours are
+//! found without looking at samples; samples themselves are only touched where something is.
 
 use std::ops::Range;
 
@@ -7,122 +10,166 @@ use glam::UVec3;
 use super::tables::{self, Look, flip};
 use crate::value::{SOLID_ALPHA, opacity_level, opacity_of_level};
 
-/// Samples of air on each side of the box: west, east, south, north; above and below.
+/// Samples of air on each side of the box: west and east, south and north; above and below.
 const PAD: [usize; 3] = [1, 1, 4];
 
-/// Nothing is there.
-pub(super) const EMPTY: u8 = 0;
-/// Anything else.
-pub(super) const PARTIAL: u8 = 1;
-/// As opaque as solid ground, against all axes.
-pub(super) const SOLID: u8 = 2;
+/// Which samples of a column are what: bit k is the sample at k of the column's samples, air above the box included.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Column {
+    /// Those that bricks have. All others are none of the following.
+    pub(super) covered: u64,
+    /// Those that are not empty.
+    pub(super) some: u64,
+    /// Those that are as opaque as solid ground, against all axes.
+    pub(super) solid: u64,
+}
 
-/// Columns along z from the top down, in rows along x, rows along y.
+impl Column {
+    /// Neither empty nor solid.
+    #[inline]
+    pub(super) fn partial(self) -> u64 {
+        self.some & !self.solid
+    }
+}
+
+/// Runs of set bits, from the lowest on.
+pub(super) fn runs(mut bits: u64) -> impl Iterator<Item = Range<usize>> {
+    std::iter::from_fn(move || {
+        if bits == 0 {
+            return None;
+        }
+        let start = bits.trailing_zeros();
+        let end = start + (bits >> start).trailing_ones();
+        bits &= u64::MAX.checked_shl(end).unwrap_or(0);
+        Some(start as usize..end as usize)
+    })
+}
+
+/// Set bits, from the lowest on.
+pub(super) fn bits(mut bits: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        if bits == 0 {
+            return None;
+        }
+        let first = bits.trailing_zeros();
+        bits &= bits - 1;
+        Some(first as usize)
+    })
+}
+
+/// Columns in rows along x, rows along y.
 pub(crate) struct Grid {
     size: [usize; 3],
-    /// Distances of neighbours along x, along y, and one below the other.
-    pub(super) step: [usize; 3],
+    /// Samples of a column.
+    pub(super) height: usize,
+    /// Columns of a row.
+    pub(super) row: usize,
     /// Whether there are opacities against the axes.
     pub(super) axes: bool,
-    /// Whether a brick has the sample.
-    pub(super) present: Vec<bool>,
-    /// [`EMPTY`], [`PARTIAL`] or [`SOLID`]. While decoding known before the rest.
-    pub(super) class: Vec<u8>,
+    pub(super) columns: Vec<Column>,
     pub(super) alpha: Vec<u8>,
     pub(super) opacity: Vec<[u8; 3]>,
     /// What is stored of colour and normal.
     pub(super) stored: Vec<Look>,
     /// What that is of.
     pub(super) look: Vec<Look>,
+    /// Of partial samples, where the surface of their run is: samples from the column's top, in 1/256.
+    pub(super) depth: Vec<i16>,
 }
 
 impl Grid {
-    /// A box of so many samples per axis; no brick has any of them.
+    /// A box of so many samples per axis, at most 56 along z; no brick has any of them.
     pub(crate) fn new(size: UVec3, axes: bool) -> Self {
         let size = size.to_array().map(|s| s as usize);
-        let padded: [usize; 3] = std::array::from_fn(|k| size[k] + 2 * PAD[k]);
-        let n = padded.iter().product();
+        let [row, rows, height]: [usize; 3] = std::array::from_fn(|k| size[k] + 2 * PAD[k]);
+        let n = row * rows * height;
         Self {
             size,
-            step: [padded[2], padded[2] * padded[0], 1],
+            height,
+            row,
             axes,
-            present: vec![false; n],
-            class: vec![EMPTY; n],
+            columns: vec![Column::default(); row * rows],
             alpha: vec![0; n],
-            opacity: vec![[0; 3]; n],
+            opacity: if axes { vec![[0; 3]; n] } else { Vec::new() },
             stored: vec![[0; 6]; n],
             look: vec![[0; 6]; n],
+            depth: vec![0; n],
         }
     }
 
     /// Index of the sample at x, y and so many samples below the top.
     #[inline]
     pub(crate) fn index(&self, [x, y, down]: [usize; 3]) -> usize {
-        (x + PAD[0]) * self.step[0] + (y + PAD[1]) * self.step[1] + down + PAD[2]
+        ((y + PAD[1]) * self.row + x + PAD[0]) * self.height + down + PAD[2]
     }
 
-    /// The indices of each column, from the top down.
-    pub(super) fn columns(&self) -> impl Iterator<Item = Range<usize>> + use<> {
-        let first = self.index([0; 3]);
-        let ([sx, sy, sz], [dx, dy, _]) = (self.size, self.step);
-        (0..sy)
-            .flat_map(move |y| (0..sx).map(move |x| first + y * dy + x * dx))
-            .map(move |top| top..top + sz)
+    /// The numbers of the box's columns.
+    pub(super) fn inside(&self) -> impl Iterator<Item = usize> + use<> {
+        let ([sx, sy, _], row) = (self.size, self.row);
+        (0..sy).flat_map(move |y| (y + PAD[1]) * row + PAD[0]..(y + PAD[1]) * row + PAD[0] + sx)
+    }
+
+    /// Distances of neighbours along x, along y, and one below the other.
+    #[inline]
+    pub(super) fn steps(&self) -> [usize; 3] {
+        [self.height, self.height * self.row, 1]
+    }
+
+    /// Whether a column is the second along x and y of the 2×2 cells that make one of the coarser level.
+    pub(super) fn in_pair(&self, column: usize) -> [bool; 2] {
+        // Bricks of centres begin a sample before their cells.
+        let before = self.size[0] % 8 / 2;
+        [column % self.row, column / self.row].map(|k| (k + before + PAD[0]) % 2 == 1)
     }
 
     /// Says that a brick has a sample.
+    #[inline]
     pub(crate) fn announce(&mut self, at: usize) {
-        self.present[at] = true;
+        self.columns[at / self.height].covered |= 1 << (at % self.height);
     }
 
     /// Sets a sample of a brick; false if another brick has it otherwise.
+    #[inline]
     pub(crate) fn set(&mut self, at: usize, color: [u8; 4], normal: [i8; 4], opacity: [u8; 4]) -> bool {
-        if self.present[at] {
+        let covered = self.columns[at / self.height].covered >> (at % self.height) & 1 == 1;
+        if covered {
             let (own_color, [x, y, z, _], [ox, oy, oz, _]) = self.get(at);
-            return own_color == color && [x, y, z] == normal[..3] && [ox, oy, oz] == opacity[..3];
+            let opacities = !self.axes || [ox, oy, oz] == opacity[..3];
+            return opacities && own_color == color && [x, y, z] == normal[..3];
         }
-        self.present[at] = true;
+        self.announce(at);
         self.put(at, color, normal, opacity);
         true
     }
 
-    /// Sets a sample that has been announced; nothing happens to one that has not.
+    /// Sets a sample that has been announced and is nothing yet; nothing happens to one that has not.
     #[inline]
     pub(crate) fn put(&mut self, at: usize, color: [u8; 4], normal: [i8; 4], opacity: [u8; 4]) {
-        if !self.present[at] {
-            return;
-        }
-        let ([r, g, b, a], [x, y, z]) = (color, [0, 1, 2].map(|k| flip(normal[k] as u8)));
-        let [ox, oy, oz, _] = opacity;
-        self.alpha[at] = a;
-        self.opacity[at] = [ox, oy, oz];
-        self.stored[at] = [r, g, b, x, y, z];
-        self.class[at] = match a {
-            0 if opacity == [0; 4] && color == [0; 4] && normal == [0; 4] => EMPTY,
-            SOLID_ALPHA if !self.axes || self.opacity[at] == [SOLID_ALPHA; 3] => SOLID,
-            _ => PARTIAL,
-        };
+        self.put_run(at..at + 1, color, normal, opacity);
     }
 
     /// The same for samples below each other.
     #[inline]
     pub(crate) fn put_run(&mut self, run: Range<usize>, color: [u8; 4], normal: [i8; 4], opacity: [u8; 4]) {
-        if run.is_empty() {
+        let ([r, g, b, a], [x, y, z]) = (color, [0, 1, 2].map(|k| flip(normal[k] as u8)));
+        let [ox, oy, oz, _] = opacity;
+        if run.is_empty() || (a, opacity, color, normal) == (0, [0; 4], [0; 4], [0; 4]) {
             return;
         }
-        let first = run.start;
-        if !self.present[run.clone()].iter().all(|present| *present) {
-            run.for_each(|at| self.put(at, color, normal, opacity));
-            return;
+        let column = &mut self.columns[run.start / self.height];
+        let bits = ((1 << run.len()) - 1) << (run.start % self.height) & column.covered;
+        column.some |= bits;
+        if a == SOLID_ALPHA && (!self.axes || [ox, oy, oz] == [SOLID_ALPHA; 3]) {
+            column.solid |= bits;
         }
-        self.put(first, color, normal, opacity);
-        let rest = first + 1..run.end;
-        let (alpha, opacity) = (self.alpha[first], self.opacity[first]);
-        let (stored, class) = (self.stored[first], self.class[first]);
-        self.alpha[rest.clone()].fill(alpha);
-        self.opacity[rest.clone()].fill(opacity);
-        self.stored[rest.clone()].fill(stored);
-        self.class[rest].fill(class);
+        let first = run.start - run.start % self.height;
+        for part in runs(bits).map(|part| first + part.start..first + part.end) {
+            self.alpha[part.clone()].fill(a);
+            self.stored[part.clone()].fill([r, g, b, x, y, z]);
+            if self.axes {
+                self.opacity[part].fill([ox, oy, oz]);
+            }
+        }
     }
 
     /// Whether there are opacities against the axes.
@@ -131,16 +178,19 @@ impl Grid {
     }
 
     /// Colour, normal and opacities of a sample.
+    #[inline]
     pub(crate) fn get(&self, at: usize) -> ([u8; 4], [i8; 4], [u8; 4]) {
-        if self.class[at] == EMPTY {
+        if self.columns[at / self.height].some >> (at % self.height) & 1 == 0 {
             return Default::default();
         }
-        let ([r, g, b, x, y, z], [ox, oy, oz]) = (self.stored[at], self.opacity[at]);
+        let [r, g, b, x, y, z] = self.stored[at];
+        let [ox, oy, oz] = if self.axes { self.opacity[at] } else { [0; 3] };
         let [x, y, z] = [x, y, z].map(|n| flip(n) as i8);
         ([r, g, b, self.alpha[at]], [x, y, z, 0], [ox, oy, oz, 0])
     }
 
     /// Sets opacities of a sample that are the same against all axes.
+    #[inline]
     pub(super) fn set_alpha(&mut self, at: usize, alpha: u8) {
         self.alpha[at] = alpha;
         if self.axes {
@@ -151,50 +201,45 @@ impl Grid {
     /// 1 if a sample is there, else 0.
     #[inline]
     pub(super) fn some(&self, at: usize) -> usize {
-        usize::from(self.class[at] != EMPTY)
+        (self.columns[at / self.height].some >> (at % self.height) & 1) as usize
     }
 
-    /// Four classes below each other, as bits from the top one on: which are something, which solid.
+    /// The partial sample of a column nearest to a place in it, the upper of two, as far as six away.
     #[inline]
-    pub(super) fn group(&self, at: usize) -> (usize, usize) {
-        let bits = |classes: u32| ((classes & 0x0101_0101).wrapping_mul(0x0102_0408) >> 24 & 15) as usize;
-        let four = self.class[at..at + 4].try_into().map_or(0, u32::from_le_bytes);
-        (bits(four | four >> 1), bits(four >> 1))
+    pub(super) fn nearest(&self, column: usize, place: usize) -> Option<usize> {
+        let partial = self.columns[column].partial();
+        let below = (partial >> place).trailing_zeros() as usize;
+        let above = (partial << (63 - place)).leading_zeros() as usize;
+        let (step, at) = if above <= below {
+            (above, place.wrapping_sub(above))
+        } else {
+            (below, place + below)
+        };
+        (step <= REACH).then(|| column * self.height + at)
     }
 
-    /// Sets classes by such bits, and the opacities of solid.
-    pub(super) fn set_group(&mut self, at: usize, some: usize, solid: usize) {
-        for k in 0..4 {
-            if solid >> k & 1 == 1 {
-                self.class[at + k] = SOLID;
-                self.set_alpha(at + k, SOLID_ALPHA);
-            } else if some >> k & 1 == 1 {
-                self.class[at + k] = PARTIAL;
-            }
-        }
-    }
-
-    /// Which of four samples bricks have.
-    pub(super) fn covered(&self, at: usize, end: usize) -> usize {
-        (0..end.min(at + 4) - at).fold(0, |bits, k| bits | usize::from(self.present[at + k]) << k)
+    /// All samples that are partial, or all that are anything.
+    fn all(&self, of: impl Fn(&Column) -> u64) -> impl Iterator<Item = usize> {
+        let columns = self.columns.iter().enumerate();
+        columns.flat_map(move |(k, c)| bits(of(c)).map(move |bit| k * self.height + bit))
     }
 
     /// Whether an opacity is none of the levels that builders keep to.
     pub(super) fn has_odd_opacities(&self) -> bool {
         let level = |v: u8| opacity_of_level(opacity_level(v)) == v;
-        let partial = (0..self.class.len()).filter(|n| self.class[*n] == PARTIAL);
-        partial
-            .into_iter()
-            .any(|n| !level(self.alpha[n]) || !self.opacity[n].iter().all(|v| level(*v)))
+        self.all(|c| c.partial())
+            .any(|n| !level(self.alpha[n]) || self.axes && !self.opacity[n].iter().all(|v| level(*v)))
     }
 
     /// Whether there is a sample of which no look is stored so.
     pub(super) fn has_odd_looks(&self) -> bool {
-        let some = (0..self.class.len()).filter(|n| self.class[*n] != EMPTY);
-        some.into_iter().any(|n| {
+        self.all(|c| c.some).any(|n| {
             let bounds = tables::looks(self.alpha[n], &self.stored[n]);
             let first = bounds.map(|[first, _]| first);
             tables::stored(self.alpha[n], &first) != self.stored[n]
         })
     }
 }
+
+/// How far off a sheet may be in the next column.
+const REACH: usize = 6;

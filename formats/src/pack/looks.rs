@@ -7,27 +7,31 @@
 use std::ops::Range;
 
 use super::coder::{Coder, Model, Prob, residual};
-use super::grid::{Grid, PARTIAL, SOLID};
-use super::tables::{self, Look};
-use crate::value::SOLID_ALPHA;
+use super::grid::{Grid, runs};
+use super::meter::Part;
+use super::slope;
+use super::tables::{self, Look, flip};
 
 /// What is known of a look.
 #[derive(Clone, Copy)]
-struct Guess {
+pub(super) struct Guess {
     /// The look that it may well be.
-    same: Look,
+    pub(super) same: Look,
     /// What it is near to, if it is not that.
     near: Look,
     /// Where these are from: below [`SOURCES`].
     source: usize,
+    /// How rough the surface is that the normal is from, 1 to 7; 0 if it is from normals.
+    rough: usize,
 }
 
 impl Guess {
-    fn new(look: Look, source: usize) -> Self {
+    pub(super) fn new(look: Look, source: usize) -> Self {
         Self {
             same: look,
             near: look,
             source,
+            rough: 0,
         }
     }
 }
@@ -61,11 +65,11 @@ impl Activity {
 /// Looks and what is stored of them.
 pub(super) struct Looks {
     same: [Prob; SOURCES * STEPS],
+    /// Whether the rest of a run has another look than its top; by how long it is.
+    whole: [Prob; 3],
     /// By component and source, and by component and the residual before.
-    residuals: [[Vec<Model>; 2]; 6],
+    residuals: [[Vec<Model>; 3]; 6],
     activity: [Activity; SOURCES],
-    /// Whether a column of solid is not as expected.
-    solid: Prob,
     /// Whether something else is stored than that of some looks.
     odds: bool,
     /// Whether of this, and by how much it is off.
@@ -91,61 +95,72 @@ impl Looks {
         let models = |n: usize| vec![Model::default(); n];
         Self {
             same: [Prob::default(); SOURCES * STEPS],
-            residuals: std::array::from_fn(|_| [models(SOURCES * STEPS), models(BEFORE * STEPS)]),
+            whole: [Prob::default(); 3],
+            residuals: std::array::from_fn(|_| {
+                [
+                    models(SOURCES * STEPS),
+                    models(BEFORE * STEPS),
+                    models(8 * BEFORE),
+                ]
+            }),
             activity: [Activity::default(); SOURCES],
-            solid: Prob::default(),
             odds: coder.bits(1, u32::from(grid.has_odd_looks())) == 1,
             odd: Prob::default(),
             off: models(6),
         }
     }
 
-    /// Codes the look of a partial sample. `column` goes on below it.
-    pub(super) fn surface<C: Coder>(&mut self, coder: &mut C, grid: &mut Grid, at: usize, end: usize) {
-        let guess = surface_guess(grid, at);
-        let run = (at..end).find(|k| grid.class[*k] != PARTIAL).unwrap_or(end);
+    /// Codes the looks of a column's partial samples, of which all opacities are known, in the columns around too.
+    pub(super) fn column<C: Coder>(&mut self, coder: &mut C, grid: &mut Grid, column: usize) {
+        let first = column * grid.height;
+        for run in runs(grid.columns[column].partial()) {
+            let (top, end) = (first + run.start, first + run.end);
+            let guess = sheet_guess(grid, column, top);
+            let under = end + (grid.columns[column].solid >> run.end & 1) as usize;
+            self.look(coder, grid, top..under, &guess);
+            if end - top > 1 {
+                coder.part(Part::Same);
+                let differs = C::ENCODES && !has_looks(grid, top..end, &grid.look[top]);
+                let context = (end - top).min(4) - 2;
+                if coder.bit(&mut self.whole[context], differs) {
+                    for at in top + 1..end {
+                        let guess = below_guess(grid, at);
+                        self.look(coder, grid, at..under, &guess);
+                    }
+                } else {
+                    let look = grid.look[top];
+                    grid.look[top + 1..end].fill(look);
+                }
+            }
+            for at in top..end {
+                self.stored(coder, grid, at);
+            }
+        }
+    }
+
+    /// Codes the look of a partial sample of whose column what is further down is not known.
+    pub(super) fn surface<C: Coder>(&mut self, coder: &mut C, grid: &mut Grid, at: usize) {
+        let column = at / grid.height;
+        let place = at % grid.height;
+        let partial = grid.columns[column].partial();
+        let guess = if partial >> (place - 1) & 1 == 1 {
+            below_guess(grid, at)
+        } else {
+            sheet_guess(grid, column, at)
+        };
+        let end = place + (partial >> place).trailing_ones() as usize;
         // Solid below has the look of its surface.
-        let run = run + usize::from(grid.class[run] == SOLID);
-        self.look(coder, grid, at..run, &guess);
+        let end = end + (grid.columns[column].solid >> end & 1) as usize;
+        self.look(coder, grid, at..column * grid.height + end, &guess);
     }
 
-    /// Codes looks and colours of all solid samples of a column; partial ones are known, also in the columns around.
-    pub(super) fn solid<C: Coder>(&mut self, coder: &mut C, grid: &mut Grid, column: Range<usize>) {
-        if !grid.class[column.clone()].contains(&SOLID) {
-            return;
-        }
-        // Mostly it is all as expected.
-        let differs = C::ENCODES
-            && !expected_solid(grid, column.clone(), |grid, at, look| {
-                tables::stored(SOLID_ALPHA, look) == grid.stored[at]
-            });
-        if coder.bit(&mut self.solid, differs) {
-            self.each_solid(coder, grid, column);
-        } else if !C::ENCODES {
-            expected_solid(grid, column, |grid, at, look| {
-                grid.stored[at] = tables::stored(SOLID_ALPHA, look);
-                true
-            });
-        }
-    }
-
-    fn each_solid<C: Coder>(&mut self, coder: &mut C, grid: &mut Grid, column: Range<usize>) {
-        let mut above = None;
-        for at in column {
-            if grid.class[at] != SOLID {
-                above = (grid.class[at] == PARTIAL).then(|| grid.look[at]);
-                continue;
-            }
-            let (guess, beside) = solid_guess(grid, at, above);
-            self.look(coder, grid, at..at + 1, &guess);
-            self.stored(coder, grid, at);
-            if !beside {
-                above = Some(grid.look[at]);
-            }
-        }
-    }
-
-    fn look<C: Coder>(&mut self, coder: &mut C, grid: &mut Grid, run: Range<usize>, guess: &Guess) {
+    pub(super) fn look<C: Coder>(
+        &mut self,
+        coder: &mut C,
+        grid: &mut Grid,
+        run: Range<usize>,
+        guess: &Guess,
+    ) {
         let at = run.start;
         let activity = self.activity[guess.source];
         let row = guess.source * STEPS;
@@ -158,35 +173,44 @@ impl Looks {
             |guess: &Look| -> Look { std::array::from_fn(|k| guess[k].clamp(bounds[k][0], bounds[k][1])) };
         let differs = C::ENCODES && nearest(&guess.same) != guess.same;
         let context = row + Activity::step(activity.color + activity.normal);
+        coder.part(Part::Same);
         if !coder.bit(&mut self.same[context], differs) {
             grid.look[at] = guess.same;
             self.activity[guess.source].add(0, 0);
             return;
         }
-        let goal = if C::ENCODES {
-            nearest(&guess.near)
-        } else {
-            guess.near
-        };
         let contexts = [activity.color, activity.normal].map(|mean| row + Activity::step(mean));
         let mut found = guess.near;
         let mut wrong = [0; 2];
         let mut before = size_class(0);
-        // Red and blue are off where green is.
-        let mut green = 0i32;
+        let mut green = 0;
         for k in [1, 0, 2, 3, 4, 5] {
+            let near = guess.near[k];
             let expected = match k {
-                0 | 2 => (i32::from(guess.near[k]) + green).clamp(0, 255) as u8,
-                _ => guess.near[k],
+                // Red and blue are off where green is, as far as they are as bright.
+                0 | 2 => {
+                    let bright = i32::from(guess.near[1]).max(1);
+                    let part = (2 * green * i32::from(near) + bright * green.signum()) / (2 * bright);
+                    (i32::from(near) + part).clamp(0, 255) as u8
+                }
+                5 => third(&guess.near, &found),
+                _ => near,
             };
-            let off = goal[k].wrapping_sub(expected).cast_signed();
-            let [own, after] = &mut self.residuals[k];
+            let goal = if C::ENCODES {
+                expected.clamp(bounds[k][0], bounds[k][1])
+            } else {
+                0
+            };
+            let off = goal.wrapping_sub(expected).cast_signed();
+            let [own, after, rough] = &mut self.residuals[k];
             let steps = contexts[k / 3];
-            let off = residual(
-                coder,
-                [&mut own[steps], &mut after[before * STEPS + steps % STEPS]],
-                off,
-            );
+            coder.part(LOOK[k]);
+            let after = &mut after[before * STEPS + steps % STEPS];
+            let off = if k < 3 || guess.rough == 0 {
+                residual(coder, [&mut own[steps], after], off)
+            } else {
+                residual(coder, [&mut rough[guess.rough * BEFORE + before], after], off)
+            };
             before = size_class(off);
             found[k] = expected.wrapping_add(off.cast_unsigned());
             wrong[k / 3] += i32::from(off).abs();
@@ -203,6 +227,7 @@ impl Looks {
         let expected = tables::stored(grid.alpha[at], &grid.look[at]);
         let goal = grid.stored[at];
         grid.stored[at] = expected;
+        coder.part(Part::Odd);
         if self.odds && coder.bit(&mut self.odd, goal != expected) {
             for (k, model) in self.off.iter_mut().enumerate() {
                 let off = goal[k].wrapping_sub(expected[k]).cast_signed();
@@ -232,7 +257,7 @@ fn shared_looks(grid: &Grid, run: Range<usize>) -> [[u8; 2]; 6] {
 }
 
 /// The median of two neighbours and of the plane through them and the one that both have (after the predictor of LOCO-I).
-fn plane(west: &Look, south: &Look, corner: &Look) -> Look {
+pub(super) fn plane(west: &Look, south: &Look, corner: &Look) -> Look {
     std::array::from_fn(|k| {
         let (low, high) = (west[k].min(south[k]), west[k].max(south[k]));
         let plane = i16::from(west[k]) + i16::from(south[k]) - i16::from(corner[k]);
@@ -244,110 +269,96 @@ fn middle(a: &Look, b: &Look) -> Look {
     std::array::from_fn(|k| a[k].midpoint(b[k]))
 }
 
-fn surface_guess(grid: &Grid, at: usize) -> Guess {
-    let [dx, dy, dz] = grid.step;
-    let is_partial = |n: &usize| grid.class[*n] == PARTIAL;
-    if is_partial(&(at - dz)) {
-        // The sheet goes on as it does beside.
-        let above = grid.look[at - dz];
-        let beside = [at - dx, at - dy]
-            .into_iter()
-            .filter(|n| is_partial(n) && is_partial(&(n - dz)));
-        let (mut change, mut count) = ([0i16; 6], 0);
-        for n in beside {
-            count += 1;
-            (0..6).for_each(|k| change[k] += i16::from(grid.look[n][k]) - i16::from(grid.look[n - dz][k]));
-        }
-        let near =
-            std::array::from_fn(|k| (i16::from(above[k]) + change[k] / count.max(1)).clamp(0, 255) as u8);
-        return Guess {
-            same: above,
-            near,
-            source: 5,
-        };
+/// The parts of a look, for a meter.
+const LOOK: [Part; 6] = [
+    Part::Red,
+    Part::Green,
+    Part::Blue,
+    Part::NormalX,
+    Part::NormalY,
+    Part::NormalZ,
+];
+
+/// Whether all samples are stored as this look says.
+fn has_looks(grid: &Grid, mut samples: Range<usize>, look: &Look) -> bool {
+    samples.all(|n| tables::stored(grid.alpha[n], look) == grid.stored[n])
+}
+
+/// The sum of squares of the normal's x and y, and of its z.
+fn squares(look: &Look) -> [i32; 2] {
+    let [.., x, y, z] = *look;
+    let [x, y, z] = [x, y, z].map(|v| i32::from(flip(v).cast_signed()));
+    [x * x + y * y, z * z]
+}
+
+/// Below the first, the z of a normal is nearly level: small errors of the other parts are large ones of it. From the second on
+/// they are not.
+const LEVEL: [u8; 2] = [40, 80];
+
+/// The normal's z by the other two, if it is as long as another.
+fn third(near: &Look, found: &Look) -> u8 {
+    const UNIT: i32 = 127 * 127;
+    let [across, up] = squares(near);
+    let long = across + up;
+    // As good as one: rounding makes it shorter or longer.
+    let long = if long > 125 * 125 { UNIT } else { long };
+    let left = (long - squares(found)[0]).max(0) as u32;
+    // Rounded.
+    let z = (4 * left).isqrt().div_ceil(2);
+    let z = z.min(127) as u8;
+    let z = if near[5] < 0x80 { 0x80 - z } else { 0x80 + z };
+    match z.abs_diff(0x80) {
+        up if up < LEVEL[0] => near[5],
+        up if up < LEVEL[1] => z.midpoint(near[5]),
+        _ => z,
     }
-    // The sheet in another column, at the nearest height.
-    let near = |column: usize| {
-        let n = at - column;
-        let heights = [n, n - 1, n + 1, n - 2, n + 2];
-        heights.into_iter().find(is_partial).map(|n| grid.look[n])
-    };
-    match (near(dx), near(dy), near(dx + dy)) {
+}
+
+/// The look of a partial sample below another.
+fn below_guess(grid: &Grid, at: usize) -> Guess {
+    let [dx, dy, dz] = grid.steps();
+    // The sheet goes on as it does beside.
+    let above = grid.look[at - dz];
+    let is_partial = |n: usize| grid.columns[n / grid.height].partial() >> (n % grid.height) & 1 == 1;
+    let beside = [at - dx, at - dy]
+        .into_iter()
+        .filter(|n| is_partial(*n) && is_partial(n - dz));
+    let (mut change, mut count) = ([0i16; 6], 0);
+    for n in beside {
+        count += 1;
+        (0..6).for_each(|k| change[k] += i16::from(grid.look[n][k]) - i16::from(grid.look[n - dz][k]));
+    }
+    let near = std::array::from_fn(|k| (i16::from(above[k]) + change[k] / count.max(1)).clamp(0, 255) as u8);
+    Guess {
+        same: above,
+        near,
+        source: 5,
+        rough: 0,
+    }
+}
+
+/// The look of a partial sample at the top of a run, by those of the columns before, at the nearest height.
+fn sheet_guess(grid: &Grid, column: usize, at: usize) -> Guess {
+    let place = at % grid.height;
+    let near = |column: usize| grid.nearest(column, place).map(|n| grid.look[n]);
+    let (west, south, corner) = (
+        near(column - 1),
+        near(column - grid.row),
+        near(column - grid.row - 1),
+    );
+    let mut guess = match (west, south, corner) {
         (Some(west), Some(south), Some(corner)) => Guess::new(plane(&west, &south, &corner), 0),
         (Some(west), Some(south), None) => Guess::new(middle(&west, &south), 1),
         (Some(west), None, _) => Guess::new(west, 2),
         (None, Some(south), _) => Guess::new(south, 3),
         (None, None, Some(corner)) => Guess::new(corner, 3),
-        (None, None, None) => Guess::new([128; 6], 4),
-    }
-}
-
-/// The mean look of the surfaces around a sample, if there are any: deep solid has it beside them.
-fn beside(grid: &Grid, at: usize) -> Option<Look> {
-    let [dx, dy, _] = grid.step;
-    let first = at - dx - dy;
-    let columns: [usize; 9] = std::array::from_fn(|k| first + k % 3 * dx + k / 3 * dy);
-    let partial = |n: usize| {
-        let classes = grid.class[n - 1..n + 3].try_into().map_or(0, u32::from_le_bytes);
-        classes & 0x01_0101
+        (None, None, None) => Guess::new([128, 128, 128, 128, 128, 255], 4),
     };
-    if columns.iter().fold(0, |any, n| any | partial(*n)) == 0 {
-        return None;
-    }
-    let (mut sum, mut count) = ([0u32; 6], 0);
-    for n in columns
-        .into_iter()
-        .flat_map(|n| n - 1..n + 2)
-        .filter(|n| grid.class[*n] == PARTIAL)
+    if !grid.axes
+        && let Some((normal, rough)) = slope::normal(grid, column, at)
     {
-        count += 1;
-        (0..6).for_each(|k| sum[k] += u32::from(grid.look[n][k]));
+        guess.near[3..].copy_from_slice(&normal);
+        guess.rough = rough;
     }
-    Some(sum.map(|s| ((s + count / 2) / count) as u8))
-}
-
-/// What is known of the look of solid; and whether from surfaces beside it. `above` is what the column has had.
-#[inline]
-fn solid_guess(grid: &Grid, at: usize, above: Option<Look>) -> (Guess, bool) {
-    let [dx, dy, dz] = grid.step;
-    let covered = grid.class[at - dz] == SOLID;
-    if let Some(look) = if covered { beside(grid, at) } else { None } {
-        return (Guess::new(look, 6), true);
-    }
-    let known = |n: usize| (grid.class[n] == SOLID).then(|| grid.look[n]);
-    let guess = match (above, known(at - dz), known(at - dx), known(at - dy)) {
-        (Some(look), ..) => Guess::new(look, if covered { 7 } else { 8 }),
-        (_, Some(look), ..) => Guess::new(look, 9),
-        (_, _, Some(west), Some(south)) => {
-            let corner = known(at - dx - dy).unwrap_or(west);
-            Guess::new(plane(&west, &south, &corner), 10)
-        }
-        (_, _, Some(one), None) | (_, _, None, Some(one)) => Guess::new(one, 11),
-        (None, None, None, None) => Guess::new([128; 6], 4),
-    };
-    (guess, false)
-}
-
-/// Gives the solid samples of a column the looks that are expected, as long as the call agrees; whether it did to the end.
-fn expected_solid(
-    grid: &mut Grid,
-    column: Range<usize>,
-    mut agrees: impl FnMut(&mut Grid, usize, &Look) -> bool,
-) -> bool {
-    let mut above = None;
-    for at in column {
-        if grid.class[at] != SOLID {
-            above = (grid.class[at] == PARTIAL).then(|| grid.look[at]);
-            continue;
-        }
-        let (Guess { same, .. }, beside) = solid_guess(grid, at, above);
-        if !agrees(grid, at, &same) {
-            return false;
-        }
-        grid.look[at] = same;
-        if !beside {
-            above = Some(same);
-        }
-    }
-    true
+    guess
 }

@@ -3,27 +3,38 @@
 //! | module | what |
 //! |---|---|
 //! | [`grid`] | the samples in their places, with their neighbours |
-//! | [`opacity`] | where there are any, and how opaque they are |
-//! | [`looks`] | their colours and normals |
+//! | [`classes`] | where there are any |
+//! | [`opacity`] | how opaque they are |
+//! | [`slope`] | where surfaces are, and how steep |
+//! | [`looks`] | colours and normals of surfaces |
+//! | [`solid`] | those of solid |
 //! | [`tables`] | what is stored of a colour or normal at an alpha |
 //! | [`coder`] | symbols by what is expected, as bytes |
+//! | [`meter`] | what parts of a payload take |
 //!
 //! Encoder and decoder run the same model; only the coder under it differs ([`coder::Coder`]). All that the model looks at is either
-//! behind it or in a pass that is done, and every estimate begins anew with each chunk. A sample takes at most 40
+//! behind it or in a pass that is done, and every estimate begins anew with each chunk. A sample takes at most 48
 //! symbols, and nothing is allocated by what a payload says.
 
+mod classes;
 mod coder;
 mod grid;
 mod looks;
+mod meter;
 mod opacity;
+mod slope;
+mod solid;
 mod tables;
 
+use classes::Classes;
 use coder::{Coder, Decoder, Encoder};
-use grid::PARTIAL;
 use looks::Looks;
-use opacity::{Classes, Opacities};
+use meter::Meter;
+use opacity::Opacities;
+use solid::Solids;
 
 pub(crate) use grid::Grid;
+pub use meter::{Costs, Part};
 
 use crate::error::FormatError;
 
@@ -32,6 +43,13 @@ pub(crate) fn encode(grid: &mut Grid) -> Vec<u8> {
     let mut coder = Encoder::new();
     code(&mut coder, grid);
     coder.finish()
+}
+
+/// What the parts of that payload take.
+pub(crate) fn costs(grid: &mut Grid) -> Costs {
+    let mut meter = Meter::new();
+    code(&mut meter, grid);
+    meter.costs
 }
 
 /// Reads the samples of a grid in which they are announced.
@@ -51,25 +69,37 @@ pub(crate) fn decode(bytes: &[u8], grid: &mut Grid) -> Result<(), FormatError> {
 
 /// Codes all samples; gives up when bytes run out.
 fn code<C: Coder>(coder: &mut C, grid: &mut Grid) {
-    Classes::new().code(coder, grid);
+    Classes::new(grid).code(coder, grid);
     let mut opacities = Opacities::new(coder, grid);
     let mut looks = Looks::new(coder, grid);
-    for column in grid.columns() {
+    for column in grid.inside() {
         if coder.failed() {
             return;
         }
-        for at in column.clone() {
-            if grid.class[at] == PARTIAL {
-                looks.surface(coder, grid, at, column.end);
-                opacities.code(coder, grid, at);
-                looks.stored(coder, grid, at);
-            }
+        if !grid.axes {
+            opacities.column(coder, grid, column);
+            continue;
+        }
+        for place in grid::bits(grid.columns[column].partial()) {
+            let at = column * grid.height + place;
+            looks.surface(coder, grid, at);
+            opacities.code(coder, grid, at);
+            looks.stored(coder, grid, at);
         }
     }
-    for column in grid.columns() {
+    if !grid.axes {
+        for column in grid.inside() {
+            if coder.failed() {
+                return;
+            }
+            looks.column(coder, grid, column);
+        }
+    }
+    let mut solids = Solids::new(grid);
+    for column in grid.inside() {
         if coder.failed() {
             return;
         }
-        looks.solid(coder, grid, column);
+        solids.code(coder, &mut looks, grid, column);
     }
 }

@@ -5,7 +5,7 @@
 
 use std::sync::LazyLock;
 
-use crate::value::{BUILD_GAIN, Value, srgb_to_linear};
+use crate::value::{BUILD_GAIN, Value, srgb_decode, srgb_to_linear};
 
 /// Red, green, blue, and the normal's x, y, z as unsigned bytes (see [`flip`]); or what is stored of them.
 pub(super) type Look = [u8; 6];
@@ -58,6 +58,27 @@ impl Table {
 
 fn row(alpha: u8) -> usize {
     usize::from(alpha) * CODES
+}
+
+/// Linear light of the codes of a colour, 1 as 2^24, and the least light of each code.
+static LIGHT: LazyLock<[[u32; CODES]; 2]> = LazyLock::new(|| {
+    let light = |code: f64| (srgb_decode(code / 255.0) * f64::from(1u32 << 24)).round() as u32;
+    [
+        std::array::from_fn(|code| light(code as f64)),
+        std::array::from_fn(|code| light((code as f64 - 0.5).max(0.0))),
+    ]
+});
+
+/// Linear light of a colour's code, 1 as 2^24.
+#[inline]
+pub(super) fn light(code: u8) -> u32 {
+    LIGHT[0][usize::from(code)]
+}
+
+/// The code that is nearest, by its light, to so much.
+#[inline]
+pub(super) fn code(light: u32) -> u8 {
+    (LIGHT[1].partition_point(|least| *least <= light).max(1) - 1) as u8
 }
 
 /// What is stored of a look.

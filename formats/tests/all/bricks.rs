@@ -152,10 +152,14 @@ fn the_region_covers_the_present_bricks_only() {
 
 #[test]
 fn ground_takes_its_surface() {
-    // Columns of one noisy colour: nine bytes for the seven of a colour, a normal and an opacity, since nothing is learned.
-    let chunk = chunk_of(u64::MAX, SampleLayout::Corner, 3, true);
+    // Solid columns of one noisy colour: eleven bytes for the six of a colour and a normal, since nothing is learned.
+    let mut chunk = chunk_of(u64::MAX, SampleLayout::Corner, 3, true);
+    for [r, g, b, a] in chunk.color.iter_mut().filter(|c| **c != [0; 4]) {
+        [*r, *g, *b] = [*r, *g, *b].map(|c| c / 2);
+        *a = 132;
+    }
     let packed = chunk.encode(Encoding::Packed).unwrap().len();
-    assert!(packed < 33 * 33 * 9 * 5, "{packed}");
+    assert!(packed < 33 * 33 * 11, "{packed}");
     // And if all columns have the same, nearly nothing.
     let mut flat = chunk_of(u64::MAX, SampleLayout::Corner, 3, true);
     for (color, normal) in flat.color.iter_mut().zip(&mut flat.normal) {
@@ -165,6 +169,48 @@ fn ground_takes_its_surface() {
     }
     let packed = flat.encode(Encoding::Packed).unwrap().len();
     assert!(packed < 600, "{packed}");
+}
+
+/// Solid looks as the surfaces around it let expect, so only these are told.
+#[test]
+fn solid_follows_its_surfaces() {
+    use brickfell_formats::value::{BUILD_GAIN, Value, srgb_to_linear};
+    let packed = |solid_follows: bool| {
+        let mut chunk = chunk_of(u64::MAX, SampleLayout::Corner, 3, false);
+        let side = SampleLayout::Corner.side() as usize;
+        let all = chunk.color.iter_mut().zip(&mut chunk.normal).enumerate();
+        for (n, (color, normal)) in all {
+            let (brick, k) = (n / side.pow(3), n % side.pow(3));
+            let corner = brickfell_formats::morton::decode(brick as u64) * 8;
+            let at = |axis: usize| k / side.pow(axis as u32) % side;
+            let [x, y, z] = [0, 1, 2].map(|a| corner[a] as usize + at(a));
+            // A plain at 12 with one partial sample, and a noisy picture on it.
+            let noise = ((x * 31 + y * 17 + (x * y) % 7 * 57) % 97) as f32 / 97.0;
+            let depth = if solid_follows { 12 - z.min(12) } else { 0 };
+            let rgb = match depth {
+                0 | 1 => [noise, 0.5, 0.25],
+                _ => [srgb_to_linear(120); 3],
+            };
+            let alpha = match z {
+                13.. => 0.0,
+                12 => 0.25,
+                _ => 132.0 / 255.0,
+            };
+            let stored = Value {
+                rgb,
+                alpha,
+                normal: [0.0, 0.0, 1.0],
+            }
+            .store(BUILD_GAIN);
+            (*color, *normal) = (stored.color, stored.normal);
+        }
+        let bytes = chunk.encode(Encoding::Packed).unwrap();
+        let again = Chunk::decode(&bytes, chunk.mask, chunk.layout, chunk.layers(), Encoding::Packed);
+        assert_eq!(again.as_ref(), Ok(&chunk));
+        bytes.len()
+    };
+    let (follows, own) = (packed(true), packed(false));
+    assert!(follows * 3 < own * 2, "{follows} {own}");
 }
 
 /// What a builder stores of one colour at any opacity is no news to the coder.

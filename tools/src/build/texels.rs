@@ -75,11 +75,22 @@ impl TexelLevel {
         area: CellBox,
         support: &CellBox,
     ) -> Self {
+        // With a cell more on each side, neighbours of all that is stored can be looked at.
+        let ring = area.grown(1);
+        let ringed = ring.intersection(support) == ring;
+        let looks = ringed && samples.has_solid();
         let width = area.hi[0] - area.lo[0];
         let columns = width * (area.hi[1] - area.lo[1]);
         let solid = (0..columns)
             .into_par_iter()
-            .map(|k| stored_solid(&hints.hint(area.lo[0] + k % width, area.lo[1] + k / width)))
+            .map(|k| {
+                let (x, y) = (area.lo[0] + k % width, area.lo[1] + k / width);
+                stored_solid(&if looks {
+                    hints.deep_hint(x, y)
+                } else {
+                    hints.hint(x, y)
+                })
+            })
             .collect();
         let mut level = Self {
             area,
@@ -93,13 +104,9 @@ impl TexelLevel {
             solid,
             axes: skins.is_some_and(|s| s.axes),
         };
-        // With a cell more on each side, neighbours of all that is stored can be looked at.
-        let ring = area.grown(1);
-        let ringed = ring.intersection(support) == ring;
         let known = if ringed { ring } else { area };
         let extent = known.blocks();
         let heights = extent.lo[2]..extent.hi[2];
-        let looks = ringed && samples.has_solid();
         let columns = block_columns(&extent)
             .into_par_iter()
             .map(|(x, y)| {
@@ -155,7 +162,7 @@ impl TexelLevel {
                 return;
             }
             let look = sample.is_surface().then(|| sample.codes());
-            if let Some(look) = look.filter(|_| looks) {
+            if let Some(look) = look.filter(|_| looks && sample.is_open()) {
                 put(&mut met, place);
                 let ([r, g, b], [x, y, z]) = (look.linear(), look.direction());
                 surfaces.push([r, g, b, x, y, z, 0.0, 0.0]);
@@ -195,7 +202,7 @@ impl TexelLevel {
     }
 
     /// Gives deep solid beside surfaces their look: it is interpolated with them, and at the foot of a cliff the ground above
-    /// its column is the cliff's top. What lies right below a surface keeps the look of the ground. Opacities do not count:
+    /// its column is the cliff's top. What lies right below a surface has its look. Opacities do not count:
     /// those of the support's last cells are not final.
     fn look_beside(&mut self) {
         let extent = self.area.blocks();
@@ -281,7 +288,6 @@ impl TexelLevel {
                 *row = a >> 7 | b << 1 | (c & 1) << 9;
             }
         }
-        let above = self.blocks.column(x, y).get(z + 1);
         let deep = |block: &Block<Box<TexelBlock>>, z: usize, y: usize| match block {
             Block::Empty => 0,
             Block::Solid => u8::MAX,
@@ -295,17 +301,17 @@ impl TexelLevel {
                     .iter()
                     .flat_map(|plane| &plane[y..y + 3])
                     .fold(0, |near, row| near | row);
-                let upper = if z < 7 {
-                    deep(&own, z + 1, y)
-                } else {
-                    deep(&above, 0, y)
-                };
-                let lone = u16::from(deep(&own, z, y) & upper) & inside;
-                let mut left = lone & (near | near >> 1 | near >> 2);
+                let below = met[z + 2][y + 1] >> 1;
+                let solid = u16::from(deep(&own, z, y)) & inside;
+                let mut left = solid & (near | near >> 1 | near >> 2);
                 while left != 0 {
                     let x = left.trailing_zeros() as usize;
                     left &= left - 1;
-                    let hint = mean_look(&around, &met, [x, y, z]);
+                    let hint = if below >> x & 1 == 1 {
+                        look_of(surface_at(&around, [x + 1, y + 1, z + 2]))
+                    } else {
+                        mean_look(&around, &met, [x, y, z])
+                    };
                     put(&mut changed, (z * 8 + y) * 8 + x);
                     changes.push(stored_solid(&hint));
                 }
@@ -496,21 +502,28 @@ fn mean_look(
         for (j, row) in plane[y..y + 3].iter().enumerate() {
             let mut left = *row >> x & 7;
             while left != 0 {
-                // Counted from the cell before the block.
-                let at = [x + left.trailing_zeros() as usize, y + j, z + k].map(|c| c + 7);
+                let look = surface_at(around, [x + left.trailing_zeros() as usize, y + j, z + k]);
                 left &= left - 1;
-                let block = at[2] / 8 * 9 + at[1] / 8 * 3 + at[0] / 8;
-                let Some(surfaces) = around[block] else { continue };
-                let place = (at[2] % 8 * 8 + at[1] % 8) * 8 + at[0] % 8;
-                let Some(look) = surfaces.value(place) else {
-                    continue;
-                };
                 (0..8).for_each(|c| sum[c] += look[c]);
                 count += 1.0;
             }
         }
     }
-    let [r, g, b, x, y, z, _, _] = sum.map(|c| c / count);
+    look_of(sum.map(|c| c / count))
+}
+
+/// The look of a surface by its place, counted from the cell before the block.
+fn surface_at(around: &[Option<&Cells<SurfaceLook>>; 27], at: [usize; 3]) -> SurfaceLook {
+    let at = at.map(|c| c + 7);
+    let block = at[2] / 8 * 9 + at[1] / 8 * 3 + at[0] / 8;
+    let place = (at[2] % 8 * 8 + at[1] % 8) * 8 + at[0] % 8;
+    around[block]
+        .and_then(|s| s.value(place))
+        .copied()
+        .unwrap_or_default()
+}
+
+fn look_of([r, g, b, x, y, z, _, _]: SurfaceLook) -> Hint {
     Hint {
         rgb: [r, g, b],
         normal: [x, y, z],

@@ -179,8 +179,9 @@ fn a_dark_hint_under_bright_ground_does_not_show() {
     );
     for ((mip, cell), (color, ..)) in &db.samples {
         let [r, g, b, a] = decode_color(*color);
+        // Solid that no surface is near has its colour in steps.
         assert!(
-            a == 0.0 || (r / a > 0.97 || a < 0.02) && g == 0.0 && b == 0.0,
+            a == 0.0 || (r / a > 0.92 || a < 0.02) && g < 0.003 * a && b < 0.003 * a,
             "{mip} {cell:?} {color:?}"
         );
     }
