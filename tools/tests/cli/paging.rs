@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::common::{brickfell, shared};
+use crate::common::{brickfell, copy_of_database};
 
 const TERRAIN: &str = "procedural:5?extent=600m&voxel=1&depth=3";
 
@@ -160,7 +160,7 @@ fn the_scene_graph_is_printed_with_its_figures() {
     let last = lines[lines.len() - 1];
     let figures = "40 groups nested 5 deep, up to 4 children; 100 trees, 0 of them empty; 39 coarse trees";
     assert!(last.starts_with(figures), "{last}");
-    let db = shared();
-    let run = brickfell(["info", "--graph", &db.display().to_string()]);
+    let db = copy_of_database();
+    let run = brickfell(["info", "--graph", &db.path().display().to_string()]);
     assert!(run.success().contains("tree 0: "), "{}", run.out);
 }
