@@ -63,11 +63,12 @@ impl Visitor for Printer {
         } else {
             ", children overlap"
         };
+        let noun = if group.children == 1 { "child" } else { "children" };
         let (id, children, depth) = (group.id.0, group.children, group.depth as usize);
         self.close(depth);
         self.line(
             depth,
-            format_args!("group {id}: {bounds}, {children} children{coarse}{overlap}"),
+            format_args!("group {id}: {bounds}, {children} {noun}{coarse}{overlap}"),
         );
         self.trees.push(0);
         Descend::Yes

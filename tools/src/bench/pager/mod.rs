@@ -174,11 +174,10 @@ impl Pilot<'_> {
         let mut after: Option<(usize, usize, usize)> = None;
         loop {
             let t = start.elapsed().as_secs_f64();
-            let under_way = self.world.pager.stats();
             let frame = self.frame(t)?;
             if jump.is_some_and(|at| t >= at) {
                 jump = None;
-                after = Some((under_way.loading + under_way.ready + under_way.held, 0, 0));
+                after = Some((frame.under_way, 0, 0));
             } else if let Some((old, new, seen)) = &mut after {
                 for key in &frame.published {
                     match (*old, *new < 10) {

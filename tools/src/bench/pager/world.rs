@@ -41,6 +41,8 @@ pub(super) struct Frame {
     pub(super) merge_ms: f64,
     pub(super) cull_ms: f64,
     pub(super) submit_ms: f64,
+    /// Pages that were under way or waiting to be published when this frame's requests replaced the queue: begun before.
+    pub(super) under_way: usize,
     /// Whether the bias changed.
     pub(super) bias_moved: bool,
 }
@@ -129,6 +131,8 @@ impl World {
         self.lookahead
             .ask(&mut self.pager, &self.terrain.graph, camera, footprint);
         self.pager.submit();
+        let submit_ms = ms(start);
+        let stats = self.pager.stats();
         let before = self.bias.extra();
         self.bias
             .update(self.frame, camera, &[(self.pager.over_budget(), 1.0)]);
@@ -140,7 +144,8 @@ impl World {
             published,
             merge_ms,
             cull_ms,
-            submit_ms: ms(start),
+            submit_ms,
+            under_way: stats.loading + stats.ready + stats.held,
             bias_moved: self.bias.extra() != before || self.bias.is_waiting(),
         }
     }
