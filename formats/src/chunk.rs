@@ -209,10 +209,10 @@ impl ChunkBox {
         self.grid.put_run(top..top + z.len(), color, normal, opacity);
     }
 
-    /// Codes the chunk.
-    pub fn encode(mut self, encoding: Encoding) -> Vec<u8> {
+    /// Codes the chunk, whose looks are in steps by which none is off by more than `error`, 0 if they are not.
+    pub fn encode(mut self, encoding: Encoding, error: u8) -> Vec<u8> {
         match encoding {
-            Encoding::Packed => pack::encode(&mut self.grid),
+            Encoding::Packed => pack::encode(&mut self.grid, error),
             Encoding::Plain => {
                 let layers = if self.grid.axes() {
                     Layers::Axes
@@ -291,6 +291,16 @@ impl Chunk {
         }
     }
 
+    /// Changes colours and normals to those of looks in steps by which none is off by more than `error`, 0 to [`Steps::MOST`];
+    /// what is stored of no look stays. A sample becomes what it does in any chunk.
+    ///
+    /// [`Steps::MOST`]: crate::steps::Steps::MOST
+    pub fn in_steps(&mut self, error: u8) {
+        for (color, normal) in self.color.iter_mut().zip(&mut self.normal) {
+            (*color, *normal) = pack::in_steps(*color, *normal, error);
+        }
+    }
+
     /// Bytes the chunk takes in memory.
     pub fn memory(&self) -> usize {
         self.color.len() * self.layers().sample_bytes() + size_of::<Self>()
@@ -306,6 +316,14 @@ impl Chunk {
     /// # Errors
     /// If the number of samples does not match the mask, or bricks disagree about a sample that they share.
     pub fn encode(&self, encoding: Encoding) -> Result<Vec<u8>, FormatError> {
+        self.encode_in_steps(encoding, 0)
+    }
+
+    /// The same of a chunk whose looks are in steps by which none is off by more than `error` ([`Self::in_steps`]), in fewer bytes.
+    ///
+    /// # Errors
+    /// As [`Self::encode`].
+    pub fn encode_in_steps(&self, encoding: Encoding, error: u8) -> Result<Vec<u8>, FormatError> {
         let samples = self.bricks() * self.layout.samples();
         let opacities = self.opacity.len();
         if self.color.len() != samples
@@ -317,7 +335,7 @@ impl Chunk {
         let region = Region::new(self.mask, self.layout);
         let payload = match encoding {
             Encoding::Plain => self.plain(&region),
-            Encoding::Packed => self.packed(&region),
+            Encoding::Packed => self.grid(&region).map(|mut grid| pack::encode(&mut grid, error)),
         };
         payload.ok_or_else(|| {
             FormatError::file("neighbouring bricks of a chunk disagree about a sample that they share")
@@ -352,11 +370,6 @@ impl Chunk {
         }
         self.grid(&Region::new(self.mask, self.layout))
             .map(|mut grid| pack::costs(&mut grid))
-    }
-
-    /// The packed samples; `None` if bricks disagree.
-    fn packed(&self, region: &Region) -> Option<Vec<u8>> {
-        self.grid(region).map(|mut grid| pack::encode(&mut grid))
     }
 
     /// The samples in their places; `None` if bricks disagree.

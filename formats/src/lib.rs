@@ -26,6 +26,7 @@ pub mod octree_binary;
 pub mod octree_xml;
 mod pack;
 pub mod scene;
+pub mod steps;
 pub mod value;
 mod xml;
 

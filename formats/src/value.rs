@@ -14,6 +14,8 @@
 
 use std::sync::LazyLock;
 
+use crate::steps::{COLOR_ZERO, NORMAL_ZERO, Steps};
+
 /// The gain of trees written by the builder.
 pub const BUILD_GAIN: u8 = 2;
 
@@ -211,6 +213,19 @@ impl Codes {
         Self {
             rgb: rgb.map(linear_to_srgb),
             normal: normal.map(|c| round(c * 127.0) as i8),
+        }
+    }
+
+    /// The nearest in steps.
+    #[inline]
+    pub fn in_steps(&self, steps: Steps) -> Self {
+        let normal = |c: i8| {
+            let code = c.cast_unsigned() ^ NORMAL_ZERO;
+            (steps.nearest(NORMAL_ZERO, code) ^ NORMAL_ZERO).cast_signed()
+        };
+        Self {
+            rgb: self.rgb.map(|c| steps.nearest(COLOR_ZERO, c)),
+            normal: self.normal.map(normal),
         }
     }
 

@@ -66,6 +66,8 @@ pub(crate) struct Grid {
     pub(super) row: usize,
     /// Whether there are opacities against the axes.
     pub(super) axes: bool,
+    /// Looks are in steps by which none is off by more ([`Steps`](crate::steps::Steps)); 0 if any may be there.
+    pub(super) error: u8,
     pub(super) columns: Vec<Column>,
     pub(super) alpha: Vec<u8>,
     pub(super) opacity: Vec<[u8; 3]>,
@@ -88,6 +90,7 @@ impl Grid {
             height,
             row,
             axes,
+            error: 0,
             columns: vec![Column::default(); row * rows],
             alpha: vec![0; n],
             opacity: if axes { vec![[0; 3]; n] } else { Vec::new() },
@@ -219,7 +222,7 @@ impl Grid {
     }
 
     /// All samples that are partial, or all that are anything.
-    fn all(&self, of: impl Fn(&Column) -> u64) -> impl Iterator<Item = usize> {
+    pub(super) fn all(&self, of: impl Fn(&Column) -> u64) -> impl Iterator<Item = usize> {
         let columns = self.columns.iter().enumerate();
         columns.flat_map(move |(k, c)| bits(of(c)).map(move |bit| k * self.height + bit))
     }

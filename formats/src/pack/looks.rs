@@ -11,6 +11,7 @@ use super::grid::{Grid, runs};
 use super::meter::Part;
 use super::slope;
 use super::tables::{self, Look, flip};
+use crate::steps::Steps;
 
 /// What is known of a look.
 #[derive(Clone, Copy)]
@@ -70,6 +71,8 @@ pub(super) struct Looks {
     /// By component and source, and by component and the residual before.
     residuals: [[Vec<Model>; 3]; 6],
     activity: [Activity; SOURCES],
+    /// What looks are told in, but for those that are as expected.
+    steps: Steps,
     /// Whether something else is stored than that of some looks.
     odds: bool,
     /// Whether of this, and by how much it is off.
@@ -104,6 +107,7 @@ impl Looks {
                 ]
             }),
             activity: [Activity::default(); SOURCES],
+            steps: Steps::within(coder.bits(4, u32::from(grid.error)) as u8),
             odds: coder.bits(1, u32::from(grid.has_odd_looks())) == 1,
             odd: Prob::default(),
             off: models(6),
@@ -165,7 +169,7 @@ impl Looks {
         let activity = self.activity[guess.source];
         let row = guess.source * STEPS;
         let bounds = if C::ENCODES {
-            shared_looks(grid, run)
+            shared_looks(grid, run, self.steps)
         } else {
             [[0; 2]; 6]
         };
@@ -196,12 +200,16 @@ impl Looks {
                 5 => third(&guess.near, &found),
                 _ => near,
             };
+            let zero = tables::ZERO[k];
+            let expected = self.steps.number(zero, expected);
             let goal = if C::ENCODES {
-                expected.clamp(bounds[k][0], bounds[k][1])
+                let [first, last] = self.steps.in_range(zero, bounds[k]);
+                expected.clamp(first, last.max(first))
             } else {
                 0
             };
-            let off = goal.wrapping_sub(expected).cast_signed();
+            // Where all codes are steps, 256 of them are none.
+            let off = (goal - expected) as i8;
             let [own, after, rough] = &mut self.residuals[k];
             let steps = contexts[k / 3];
             coder.part(LOOK[k]);
@@ -212,10 +220,10 @@ impl Looks {
                 residual(coder, [&mut rough[guess.rough * BEFORE + before], after], off)
             };
             before = size_class(off);
-            found[k] = expected.wrapping_add(off.cast_unsigned());
+            found[k] = self.steps.code(zero, expected + i32::from(off));
             wrong[k / 3] += i32::from(off).abs();
             if k == 1 {
-                green = i32::from(off);
+                green = i32::from(off) * self.steps.step();
             }
         }
         grid.look[at] = found;
@@ -238,8 +246,22 @@ impl Looks {
     }
 }
 
+/// Whether a component has a step in a range.
+fn has_step(steps: Steps, k: usize, range: [u8; 2]) -> bool {
+    let [first, last] = steps.in_range(tables::ZERO[k], range);
+    first <= last
+}
+
+/// Whether all samples are stored as looks in such steps are.
+pub(super) fn are_in_steps(grid: &Grid, steps: Steps) -> bool {
+    grid.all(|c| c.some).all(|n| {
+        let bounds = tables::looks(grid.alpha[n], &grid.stored[n]);
+        (0..6).all(|k| has_step(steps, k, bounds[k]))
+    })
+}
+
 /// First and last of the looks of which a sample is stored, by component, and of those below it too as far as that goes.
-fn shared_looks(grid: &Grid, run: Range<usize>) -> [[u8; 2]; 6] {
+fn shared_looks(grid: &Grid, run: Range<usize>, steps: Steps) -> [[u8; 2]; 6] {
     let looks = |at: usize| tables::looks(grid.alpha[at], &grid.stored[at]);
     let mut shared = looks(run.start);
     let mut open = [true; 6];
@@ -247,7 +269,7 @@ fn shared_looks(grid: &Grid, run: Range<usize>) -> [[u8; 2]; 6] {
         let next = looks(at);
         for k in 0..6 {
             let both = [shared[k][0].max(next[k][0]), shared[k][1].min(next[k][1])];
-            open[k] &= both[0] <= both[1];
+            open[k] &= both[0] <= both[1] && has_step(steps, k, both);
             if open[k] {
                 shared[k] = both;
             }

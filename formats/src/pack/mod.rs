@@ -37,12 +37,44 @@ pub(crate) use grid::Grid;
 pub use meter::{Costs, Part};
 
 use crate::error::FormatError;
+use crate::steps::Steps;
 
-/// The payload of a grid whose samples are set.
-pub(crate) fn encode(grid: &mut Grid) -> Vec<u8> {
+/// The payload of a grid whose samples are set. It is smaller if all looks are in steps of this error ([`Steps`]).
+pub(crate) fn encode(grid: &mut Grid, error: u8) -> Vec<u8> {
+    let error = error.min(Steps::MOST);
+    grid.error = if looks::are_in_steps(grid, Steps::within(error)) {
+        error
+    } else {
+        0
+    };
     let mut coder = Encoder::new();
     code(&mut coder, grid);
     coder.finish()
+}
+
+/// What is stored of the look of a sample in steps: of one that is there already, if what is stored is also of that, else of the
+/// nearest to the middle of those it is of. What is of no look stays.
+pub(crate) fn in_steps(color: [u8; 4], normal: [i8; 4], error: u8) -> ([u8; 4], [i8; 4]) {
+    let ([r, g, b, alpha], [x, y, z, _]) = (color, normal);
+    let [x, y, z] = [x, y, z].map(|n| tables::flip(n.cast_unsigned()));
+    let stored = [r, g, b, x, y, z];
+    let bounds = tables::looks(alpha, &stored);
+    if tables::stored(alpha, &bounds.map(|[first, _]| first)) != stored {
+        return (color, normal);
+    }
+    let steps = Steps::within(error);
+    let look = std::array::from_fn(|k| {
+        let (zero, [low, high]) = (tables::ZERO[k], bounds[k]);
+        let [first, last] = steps.in_range(zero, bounds[k]);
+        if first <= last {
+            steps.code(zero, first)
+        } else {
+            steps.nearest(zero, low.midpoint(high))
+        }
+    });
+    let [r, g, b, x, y, z] = tables::stored(alpha, &look);
+    let [x, y, z] = [x, y, z].map(|n| tables::flip(n).cast_signed());
+    ([r, g, b, alpha], [x, y, z, 0])
 }
 
 /// What the parts of that payload take.

@@ -5,10 +5,21 @@
 
 use std::sync::LazyLock;
 
+use crate::steps::{COLOR_ZERO, NORMAL_ZERO};
 use crate::value::{BUILD_GAIN, Value, srgb_decode, srgb_to_linear};
 
 /// Red, green, blue, and the normal's x, y, z as unsigned bytes (see [`flip`]); or what is stored of them.
 pub(super) type Look = [u8; 6];
+
+/// The code of nothing, by component.
+pub(super) const ZERO: [u8; 6] = [
+    COLOR_ZERO,
+    COLOR_ZERO,
+    COLOR_ZERO,
+    NORMAL_ZERO,
+    NORMAL_ZERO,
+    NORMAL_ZERO,
+];
 
 /// Values of a byte.
 const CODES: usize = 256;

@@ -4,6 +4,8 @@ use crate::common::{brick_file, chunk_of};
 use brickfell_formats::bricks::{self, BrickFileWriter, BrickIndex, HEADER_BYTES, brick_file_name};
 use brickfell_formats::chunk::{Chunk, ChunkBox, Encoding, Layers, brick_positions};
 use brickfell_formats::layout::SampleLayout;
+use brickfell_formats::steps::Steps;
+use brickfell_formats::value::Codes;
 use brickfell_formats::{FormatError, morton};
 use glam::{USizeVec3, UVec3};
 use proptest::prelude::*;
@@ -69,8 +71,8 @@ proptest! {
             }
         }
         let expected = chunk.encode(encoding).unwrap();
-        prop_assert!(single.encode(encoding) == expected);
-        prop_assert!(runs.encode(encoding) == expected);
+        prop_assert!(single.encode(encoding, 0) == expected);
+        prop_assert!(runs.encode(encoding, 0) == expected);
     }
 
     #[test]
@@ -336,4 +338,48 @@ fn brick_files_stand_beside_their_tree() {
     }
     assert_eq!(brick_file_name("a.oct", 12), "a.L12.brk");
     assert_eq!(HEADER_BYTES, 64);
+}
+
+proptest! {
+    /// Whatever error is allowed, what is coded is what there is; and in steps nothing is off by more, in any chunk alike.
+    #[test]
+    fn steps_are_told_exactly(mut chunk in crate::common::chunk(2), error in 0..=Steps::MOST) {
+        let decode = |chunk: &Chunk, bytes: &[u8]| {
+            Chunk::decode(bytes, chunk.mask, chunk.layout, chunk.layers(), Encoding::Packed).unwrap()
+        };
+        let bytes = chunk.encode_in_steps(Encoding::Packed, error).unwrap();
+        prop_assert!(decode(&chunk, &bytes) == chunk);
+        let before = chunk.clone();
+        chunk.in_steps(error);
+        for (a, b) in before.color.iter().zip(&chunk.color) {
+            let most = (0..4).map(|k| a[k].abs_diff(b[k])).max();
+            prop_assert!(a[3] == b[3] && most <= Some(error + 1), "{a:?} {b:?}");
+        }
+        let bytes = chunk.encode_in_steps(Encoding::Packed, error).unwrap();
+        prop_assert!(decode(&chunk, &bytes) == chunk);
+        let again = chunk.clone();
+        chunk.in_steps(error);
+        prop_assert!(again == chunk, "steps stay where they are");
+    }
+}
+
+/// Rough ground in noisy colours: a layer that is partly filled on solid.
+#[test]
+fn steps_take_fewer_bytes_the_wider_they_are() {
+    let sizes = [0, 1, 2, 4, 8].map(|error| {
+        let mut chunk = chunk_of(1, SampleLayout::Centre, 5, false);
+        for (k, (color, normal)) in chunk.color.iter_mut().zip(&mut chunk.normal).enumerate() {
+            let [r, g, b, _] = *color;
+            let codes = Codes {
+                rgb: [100 + r / 8, 110 + g / 8, 90 + b / 8],
+                normal: [(r / 4) as i8 - 30, (g / 4) as i8 - 30, 100],
+            };
+            let stored = codes
+                .in_steps(Steps::within(error))
+                .store([132, 60, 0][(k / 100 / 4).min(2)]);
+            (*color, *normal) = (stored.color, stored.normal);
+        }
+        chunk.encode_in_steps(Encoding::Packed, error).unwrap().len()
+    });
+    assert!(sizes.windows(2).all(|s| s[1] < s[0]), "{sizes:?}");
 }

@@ -36,6 +36,9 @@ const QUADS: u32 = 1024;
 /// Pixels of the picture across the scene: 5 cm each.
 const PICTURE: u32 = 2048;
 const SEED: u64 = 11;
+/// Errors allowed beside none, in steps, and the resolution at which they are.
+const ERRORS: [u8; 4] = [1, 2, 4, 8];
+const ERROR_AT: u32 = 1024;
 /// The memory limit that builds are given.
 const MEMORY: &str = "1GiB";
 
@@ -137,12 +140,17 @@ fn surface(out: &Path) -> Result<u64, CommandError> {
 }
 
 /// Builds in a process of its own: seconds and most memory.
-fn measure(input: &[&std::ffi::OsStr], voxels: u32, out: &Path) -> Result<(f64, u64), CommandError> {
+fn measure(
+    input: &[&std::ffi::OsStr],
+    (voxels, error): (u32, u8),
+    out: &Path,
+) -> Result<(f64, u64), CommandError> {
     let program = std::env::current_exe()?;
     let mut command = Command::new(program);
     command.arg("build").args(input).arg("--out").arg(out);
     let voxel = SIZE / f64::from(voxels);
     command.args(["--voxel", &voxel.to_string(), "--memory", MEMORY]);
+    command.args(["--error", &error.to_string()]);
     command.stdout(Stdio::null()).stderr(Stdio::null());
     let start = Instant::now();
     let usage = command.spawn()?.wait4()?;
@@ -184,19 +192,22 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     } else {
         &[512, 1024, 2048, 4096]
     };
+    let exact = resolutions.iter().map(|n| (*n, 0));
+    let all: Vec<(u32, u8)> = exact.chain(ERRORS.map(|error| (ERROR_AT, error))).collect();
     let mut rows = Vec::new();
     for (scene, input, triangles) in &scenes {
-        for n in resolutions {
-            let out = settings.folder.join(format!("builder-{scene}-{n}"));
+        for (n, error) in &all {
+            let out = settings.folder.join(format!("builder-{scene}-{n}-{error}"));
             if out.exists() {
                 fs::remove_dir_all(&out)?;
             }
-            let (seconds, peak) = measure(input, *n, &out)?;
+            let (seconds, peak) = measure(input, (*n, *error), &out)?;
             let (voxels, bytes, columns) = (surface(&out)?, folder_bytes(&out)?, u64::from(*n).pow(2));
             fs::remove_dir_all(&out)?;
             rows.push(row(json!({
                 "scene": scene,
                 "resolution": n,
+                "error": error,
                 "voxels": voxels,
                 "triangles": triangles,
                 "columns": columns,

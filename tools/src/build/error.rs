@@ -22,6 +22,9 @@ pub enum BuildError {
     /// The tree size is not one that an octree of bricks has.
     #[error("tree size {0} is not 8 times a power of two between 16 and 8192 voxels")]
     TreeSize(u32),
+    /// The bound on errors is too large.
+    #[error("an error of {0} steps is too large (0 to {max})", max = brickfell_formats::steps::Steps::MOST)]
+    Bound(u8),
     /// The chunk size is unknown.
     #[error("chunks of 2^{0} bricks per axis are unknown (0, 1 or 2)")]
     ChunkSize(u8),

@@ -17,6 +17,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use brickfell_formats::steps::Steps;
 use rayon::prelude::*;
 
 use super::EmptyTrees;
@@ -268,7 +269,9 @@ impl GroupPlace {
             }
             let area = region.stored(lattice.layout, mip);
             // As roots of trees are stored: what lies beside the area is not looked at.
-            let texels = TexelLevel::new(&level.samples, level.skins(filter, false), &hints, area, &area);
+            let steps = Steps::within(terrain.error);
+            let skins = level.skins(filter, false);
+            let texels = TexelLevel::new(&level.samples, skins, steps, &hints, area, &area);
             add_level(terrain, place, &texels, &hints, &mut levels, &mut writer)?;
         }
         // Before the folder: what is finished has both.

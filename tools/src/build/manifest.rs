@@ -53,6 +53,7 @@ pub(crate) struct Arguments {
     pub(crate) voxelise: Option<String>,
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(crate) solid: bool,
+    pub(crate) error: u8,
 }
 
 #[derive(Debug, Serialize)]

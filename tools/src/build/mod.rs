@@ -51,6 +51,7 @@ use std::path::{Path, PathBuf};
 
 use brickfell_formats::chunk::Encoding;
 use brickfell_formats::layout::{BRICK_VOXELS, SampleLayout};
+use brickfell_formats::steps::Steps;
 use glam::DVec3;
 
 pub use error::BuildError;
@@ -118,6 +119,8 @@ pub struct BuildArgs {
     pub voxelise: Voxelise,
     /// Whether the inside of closed meshes is solid.
     pub solid: bool,
+    /// By how many of 255 steps colours and normals of surfaces may be off, at most [`Steps::MOST`].
+    pub error: u8,
     /// Whether a database built from something else may be replaced.
     pub force: bool,
     /// Threads to work with; 0 is one per core.
@@ -145,6 +148,7 @@ impl BuildArgs {
             filter: Filter::default(),
             voxelise: Voxelise::default(),
             solid: false,
+            error: 0,
             force: false,
             threads: 0,
             memory: DEFAULT_MEMORY,
@@ -192,6 +196,9 @@ fn check(args: &BuildArgs) -> Result<u8, BuildError> {
     let n = args.tree_voxels;
     if !(n.is_power_of_two() && (16..=8192).contains(&n)) {
         return Err(BuildError::TreeSize(n));
+    }
+    if args.error > Steps::MOST {
+        return Err(BuildError::Bound(args.error));
     }
     if args.chunk_log2 > 2 {
         return Err(BuildError::ChunkSize(args.chunk_log2));
@@ -340,6 +347,7 @@ fn build_from(
         },
         voxelise: args.voxelise,
         solid: args.solid,
+        error: args.error,
     };
     let mut report = BuildReport {
         voxel: lattice.voxel,
@@ -412,6 +420,7 @@ fn manifest(args: &BuildArgs, lattice: &Lattice, materials: &[PathBuf]) -> Resul
         filter: args.filter.name(),
         voxelise: (args.voxelise != Voxelise::default()).then(|| format!("{:?}", args.voxelise)),
         solid: args.solid,
+        error: args.error,
     };
     let mut files: Vec<(&'static str, &Path)> = args.inputs.iter().map(|p| ("mesh", p.as_path())).collect();
     files.extend(args.placements.iter().map(|p| ("placements", p.as_path())));

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use brickfell_formats::FormatError;
 use brickfell_formats::morton;
 use brickfell_formats::octree::{Node, NodeData, Octree, TreeHeader, octant_offset};
+use brickfell_formats::steps::Steps;
 use glam::UVec3;
 
 use super::ground::Hints;
@@ -147,7 +148,7 @@ pub(crate) fn level_nodes(
             known.dedup();
             let low = i64::from(lattice.layout.low_apron());
             let hint = hints.mean([base[0] + low, base[1] + low], SIDE);
-            let color = stored_solid(&hint).color;
+            let color = stored_solid(&hint, Steps::within(0)).color;
             let states = known.into_iter().map(|z| {
                 let base = [base[0], base[1], base[2] + SIDE * i64::from(z)];
                 let own = match texels.likeness(base, n) {

@@ -7,6 +7,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use brickfell_formats::steps::Steps;
 use brickfell_formats::value::{Codes, SOLID_ALPHA, Stored, opacity_level, opacity_of_level};
 
 use super::ground::Hint;
@@ -139,9 +140,9 @@ impl Sample {
     }
 }
 
-/// What is stored of deep solid with a look.
-pub(crate) fn stored_solid(look: &Hint) -> Stored {
-    look.codes().store(SOLID_ALPHA)
+/// What is stored of deep solid with a look, in steps.
+pub(crate) fn stored_solid(look: &Hint, steps: Steps) -> Stored {
+    look.codes().in_steps(steps).store(SOLID_ALPHA)
 }
 
 impl Hint {
@@ -231,7 +232,7 @@ mod tests {
             normal: [0.0, 0.0, 1.0],
         };
         let deep = stored(&Sample::DEEP, up);
-        assert_eq!(deep, stored_solid(&up));
+        assert_eq!(deep, stored_solid(&up, Steps::within(0)));
         assert_eq!((deep.color[3], deep.normal), (SOLID_ALPHA, [0, 0, 127, 0]));
         let skin = Look {
             skin: 2.0,

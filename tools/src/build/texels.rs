@@ -8,6 +8,7 @@ use std::ops::ControlFlow;
 use rayon::prelude::*;
 
 use brickfell_formats::chunk::ChunkBox;
+use brickfell_formats::steps::Steps;
 use brickfell_formats::value::{SOLID_ALPHA, Stored};
 
 use super::blocks::{Block, BlockColumn, Blocks, Slot, block_columns};
@@ -49,6 +50,8 @@ pub(crate) struct TexelLevel {
     /// Deep solid by column of cells of the area.
     solid: Vec<Stored>,
     axes: bool,
+    /// What looks are told in.
+    steps: Steps,
 }
 
 /// What a node's texels, apron included, have in common.
@@ -71,6 +74,7 @@ impl TexelLevel {
     pub(crate) fn new(
         samples: &Blocks<Cells<Sample>>,
         skins: Option<Skins>,
+        steps: Steps,
         hints: &Hints,
         area: CellBox,
         support: &CellBox,
@@ -85,11 +89,12 @@ impl TexelLevel {
             .into_par_iter()
             .map(|k| {
                 let (x, y) = (area.lo[0] + k % width, area.lo[1] + k / width);
-                stored_solid(&if looks {
+                let hint = if looks {
                     hints.deep_hint(x, y)
                 } else {
                     hints.hint(x, y)
-                })
+                };
+                stored_solid(&hint, steps)
             })
             .collect();
         let mut level = Self {
@@ -102,6 +107,7 @@ impl TexelLevel {
                 Vec::new(),
             ),
             solid,
+            steps,
             axes: skins.is_some_and(|s| s.axes),
         };
         let known = if ringed { ring } else { area };
@@ -161,7 +167,7 @@ impl TexelLevel {
             if !has(&known, place) {
                 return;
             }
-            let look = sample.is_surface().then(|| sample.codes());
+            let look = sample.is_surface().then(|| sample.codes().in_steps(self.steps));
             if let Some(look) = look.filter(|_| looks && sample.is_open()) {
                 put(&mut met, place);
                 let ([r, g, b], [x, y, z]) = (look.linear(), look.direction());
@@ -171,7 +177,7 @@ impl TexelLevel {
                 return;
             }
             let [x, y, z] = cell_of(at, place);
-            let look = look.unwrap_or_else(|| hints.hint(x, y).codes());
+            let look = look.unwrap_or_else(|| hints.hint(x, y).codes().in_steps(self.steps));
             let texel = match skins.map(|skins| skins.at([x, y, z])) {
                 Some([a, b, c]) => {
                     let [x, y, z] = if self.axes {
@@ -313,7 +319,7 @@ impl TexelLevel {
                         mean_look(&around, &met, [x, y, z])
                     };
                     put(&mut changed, (z * 8 + y) * 8 + x);
-                    changes.push(stored_solid(&hint));
+                    changes.push(stored_solid(&hint, self.steps));
                 }
             }
         }

@@ -13,6 +13,7 @@ use rayon::prelude::*;
 
 use brickfell_formats::chunk::ChunkBox;
 use brickfell_formats::morton;
+use brickfell_formats::steps::Steps;
 
 use super::error::BuildError;
 use super::filter::{Level, Target};
@@ -153,6 +154,7 @@ impl Tile {
             let texels = TexelLevel::new(
                 &level.samples,
                 level.skins(terrain.filter, true),
+                Steps::within(terrain.error),
                 &hints,
                 self.region.stored(lattice.layout, mip),
                 &self.region.support(mip),
@@ -315,7 +317,7 @@ pub(crate) fn code_chunks(
         CodedChunk {
             at,
             mask,
-            payload: chunk.encode(terrain.encoding),
+            payload: chunk.encode(terrain.encoding, terrain.error),
         }
     };
     groups.into_par_iter().map(code).collect()

@@ -12,6 +12,7 @@ use glam::UVec3;
 use brickfell_formats::bricks::{BrickFileWriter, HEADER_BYTES, brick_file_name};
 use brickfell_formats::chunk::{Encoding, Layers};
 use brickfell_formats::octree::TreeHeader;
+use brickfell_formats::steps::Steps;
 use brickfell_formats::value::BUILD_GAIN;
 use brickfell_formats::{morton, octree_binary};
 
@@ -46,6 +47,8 @@ pub(crate) struct Terrain<'a> {
     pub(crate) voxelise: Voxelise,
     /// Whether the inside of closed meshes is solid.
     pub(crate) solid: bool,
+    /// By how much looks may be off.
+    pub(crate) error: u8,
 }
 
 impl Terrain<'_> {
@@ -130,6 +133,7 @@ pub(crate) fn finish_tree(
         let texels = TexelLevel::new(
             &level.samples,
             level.skins(terrain.filter, at > 0),
+            Steps::within(terrain.error),
             &hints,
             region.stored(lattice.layout, mip),
             &region.support(mip),

@@ -49,6 +49,9 @@ pub struct Args {
     /// Fill closed meshes: their inside is solid
     #[arg(long)]
     pub solid: bool,
+    /// By how many of 255 steps colours and normals may be off, 0 to 15, for a smaller database
+    #[arg(long, value_name = "STEPS", default_value_t = 0)]
+    pub error: u8,
 }
 
 /// Where samples lie.
@@ -101,6 +104,7 @@ impl Args {
             filter: self.filter,
             voxelise: self.voxelise,
             solid: self.solid,
+            error: self.error,
             force: self.force,
             threads: self.threads,
             memory: self.memory,

@@ -1,7 +1,7 @@
 //! `brickfell convert`: a database in other clothes: octrees as XML or binary, bricks in other chunks or encoded otherwise, or one
 //! level as a file for other programs.
 //!
-//! Nothing is lost between databases: octrees and samples are the same, bit for bit.
+//! Nothing is lost between databases, unless an error is allowed: octrees and samples are the same, bit for bit.
 
 mod export;
 mod recode;
@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use brickfell_formats::chunk::Encoding;
+use brickfell_formats::steps::Steps;
 use clap::ValueEnum;
 use indicatif::HumanCount;
 
@@ -35,8 +36,11 @@ pub struct Args {
     /// How chunks are encoded
     #[arg(long, value_enum, default_value_t)]
     pub encoding: Coding,
+    /// By how many of 255 steps colours and normals may be off from what they are, for a smaller database
+    #[arg(long, value_name = "STEPS", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=i64::from(Steps::MOST)))]
+    pub error: u8,
     /// Level to export, 0 is the root [default: the finest of each tree]
-    #[arg(long, value_name = "LEVEL", conflicts_with_all = ["octrees", "chunk", "encoding"])]
+    #[arg(long, value_name = "LEVEL", conflicts_with_all = ["octrees", "chunk", "encoding", "error"])]
     pub level: Option<u8>,
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::common::{brickfell, copy_of_example, files, shared};
+use crate::common::{brickfell, build_args, copy_of_example, files, shared};
 
 fn convert(from: &Path, out: &Path, more: &[&str]) -> String {
     let path = |p: &Path| p.display().to_string();
@@ -146,4 +146,26 @@ fn what_is_there_is_left_alone() {
         .error(1)
         .to_string();
     assert!(line.contains("/nowhere/points.ply"), "{line}");
+}
+
+#[test]
+fn an_allowed_error_makes_databases_smaller_and_they_stay_sound() {
+    let dir = tempfile::tempdir().unwrap();
+    let bytes = |db: &Path| database(db).values().map(Vec::len).sum::<usize>();
+    let before = bytes(&shared().join("db"));
+    let converted = dir.path().join("converted");
+    convert(&shared().join("db"), &converted, &["--error", "8"]);
+    check(&converted);
+    let built = dir.path().join("built");
+    let mut args = build_args(&shared().join("inputs"), &built);
+    args.extend(["--error", "8"].map(String::from));
+    brickfell(&args).success();
+    check(&built);
+    for db in [&converted, &built] {
+        assert!(bytes(db) * 10 < before * 9, "{} of {before}", bytes(db));
+    }
+    let line = brickfell(args.iter().map(|a| if a == "8" { "16" } else { a }))
+        .error(1)
+        .to_string();
+    assert!(line.contains("0 to 15"), "{line}");
 }

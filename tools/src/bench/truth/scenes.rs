@@ -21,6 +21,8 @@ use crate::truth::Truth;
 
 /// The one at which settings are compared: there are finer levels to be had, and coarser ones.
 const SWEPT: u32 = 4;
+/// Errors of databases that are looked at beside the exact one, in steps.
+const ERRORS: [u8; 4] = [1, 2, 4, 8];
 const FOV: f64 = 60.0;
 const WIDTH: u32 = 320;
 const HEIGHT: u32 = 240;
@@ -241,6 +243,7 @@ impl Scene {
             // Ground has no skins for a filter to judge.
             .filter(|filter| **filter != Filter::default() && !input.meshes.is_empty())
             .map(|filter| variant(format!("filter {}", filter.name()), &|args| args.filter = *filter));
-        std::iter::once(layout).chain(filters).collect()
+        let errors = ERRORS.map(|error| variant(format!("error {error}"), &|args| args.error = error));
+        std::iter::once(layout).chain(filters).chain(errors).collect()
     }
 }

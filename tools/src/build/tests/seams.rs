@@ -119,6 +119,7 @@ fn constants_expand_to_what_bricks_would_store() {
                 let texels = TexelLevel::new(
                     &samples.samples,
                     samples.skins(filter, mip < lattice.depth),
+                    Steps::within(0),
                     &hints,
                     area,
                     &region.support(mip),

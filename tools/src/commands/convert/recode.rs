@@ -98,10 +98,15 @@ fn level_bricks(level: &Level, args: &Args) -> Result<(), String> {
     file.write_all(&[0; HEADER_BYTES]).map_err(io)?;
     let mut writer = BrickFileWriter::new(level.level, level.layout, chunk_log2, encoding)
         .with_layers(index.header.layers);
-    let mut write = |done: Vec<Open>| -> Result<(), String> {
+    let mut write = |mut done: Vec<Open>| -> Result<(), String> {
         let payloads: Vec<Vec<u8>> = done
-            .par_iter()
-            .map(|open| open.chunk.encode(encoding))
+            .par_iter_mut()
+            .map(|open| {
+                if args.error > 0 {
+                    open.chunk.in_steps(args.error);
+                }
+                open.chunk.encode_in_steps(encoding, args.error)
+            })
             .collect::<Result<_, _>>()
             .map_err(fail)?;
         for (open, payload) in done.iter().zip(payloads) {
