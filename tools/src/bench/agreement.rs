@@ -64,7 +64,12 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let hills = caster::scene(settings)?;
     let views = caster::views()?.map(|(view, camera)| (view.to_string(), camera));
     rows.extend(of_scene(caster::SCENE, &hills, views.into())?);
-    for (scene, folder, cameras) in truth::cameras(settings)? {
+    for truth::Views {
+        scene,
+        folder,
+        cameras,
+    } in truth::views(settings)?
+    {
         rows.extend(of_scene(&scene, &folder, cameras)?);
     }
     Ok(rows)

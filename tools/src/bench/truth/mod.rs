@@ -312,13 +312,18 @@ fn measure_scene(
     Ok(())
 }
 
-/// The scenes of the suite: name, database, and the cameras by name.
+/// A scene of the suite: its database, and cameras by name.
+pub(super) struct Views {
+    pub(super) scene: String,
+    pub(super) folder: PathBuf,
+    pub(super) cameras: Vec<(String, Camera)>,
+}
+
+/// The scenes of the suite.
 ///
 /// # Errors
 /// If a scene cannot be built.
-pub(super) fn cameras(
-    settings: &Settings<'_>,
-) -> Result<Vec<(String, PathBuf, Vec<(String, Camera)>)>, CommandError> {
+pub(super) fn views(settings: &Settings<'_>) -> Result<Vec<Views>, CommandError> {
     let mut all = Vec::new();
     for scene in scenes::scenes(settings)? {
         let truth = Truth::new(
@@ -327,8 +332,11 @@ pub(super) fn cameras(
             &Bottom::Boxes(scene.boxes.clone()),
         )?;
         let views = scene.views(&truth, settings.quick)?;
-        let cameras = views.into_iter().map(|view| (view.name, view.camera)).collect();
-        all.push((scene.name, scene.folder, cameras));
+        all.push(Views {
+            scene: scene.name,
+            folder: scene.folder,
+            cameras: views.into_iter().map(|view| (view.name, view.camera)).collect(),
+        });
     }
     Ok(all)
 }
