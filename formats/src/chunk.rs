@@ -4,10 +4,12 @@
 //! what they have in common: the payload is the box of samples that covers the present bricks (aprons at its outside
 //! only, so it decodes without any other page). Packed, each sample is told by what is expected of it (module `pack`). Plain,
 //! there is one plane of bytes per component, in columns from the top down, each byte as the difference to the one above it: bytes
-//! that can be read by eye, and the oracle of tests.
+//! that can be read by eye, and the oracle of tests. In blocks, bricks stand one after the other as the GPU reads them (module
+//! [`crate::blocks`]), and samples are not what they were.
 
 use glam::UVec3;
 
+use crate::blocks::BlockChunk;
 use crate::error::FormatError;
 use crate::layout::{BRICK_VOXELS, SampleLayout};
 use crate::morton;
@@ -24,6 +26,8 @@ pub enum Encoding {
     Plain = 0,
     /// By what is expected of each sample.
     Packed = 3,
+    /// As blocks that the GPU reads; the only one with a loss.
+    Blocks = 5,
 }
 
 impl Encoding {
@@ -32,6 +36,7 @@ impl Encoding {
         match code {
             0 => Some(Self::Plain),
             3 => Some(Self::Packed),
+            5 => Some(Self::Blocks),
             _ => None,
         }
     }
@@ -198,7 +203,8 @@ impl Chunk {
     /// Codes the chunk.
     ///
     /// # Errors
-    /// If the number of samples does not match the mask, or bricks disagree about a sample that they share.
+    /// If the number of samples does not match the mask, or bricks disagree about a sample that they share (but in blocks,
+    /// where none is shared).
     pub fn encode(&self, encoding: Encoding) -> Result<Vec<u8>, FormatError> {
         let samples = self.bricks() * self.layout.samples();
         let opacities = self.opacity.len();
@@ -212,6 +218,7 @@ impl Chunk {
         let payload = match encoding {
             Encoding::Plain => self.plain(&region),
             Encoding::Packed => self.packed(&region),
+            Encoding::Blocks => Some(BlockChunk::encode(self).into_bytes()),
         };
         payload.ok_or_else(|| {
             FormatError::file("neighbouring bricks of a chunk disagree about a sample that they share")
@@ -279,6 +286,7 @@ impl Chunk {
         match encoding {
             Encoding::Plain => chunk.unfold(bytes, &region, layers)?,
             Encoding::Packed => chunk.unpack(bytes, &region, layers)?,
+            Encoding::Blocks => chunk = BlockChunk::new(bytes.to_vec(), mask, layout, layers)?.samples(),
         }
         Ok(chunk)
     }

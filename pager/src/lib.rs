@@ -64,7 +64,7 @@ mod table;
 mod testing;
 pub mod tree;
 
-pub use page::{LevelPage, PageKey, RootPage};
+pub use page::{ChunkPage, LevelPage, PageKey, RootPage};
 pub use pager::{PageFault, Pager, PagerConfig, PagerStats};
 pub use store::{Fault, FolderStore, MemoryStore, Store};
 pub use tree::{Found, Stop, TreeState};

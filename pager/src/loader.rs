@@ -10,6 +10,7 @@ use brickfell_formats::bricks::brick_file_name;
 use crate::exchange::{Exchange, Job, Order};
 use crate::load::{LoadError, Reader};
 use crate::page::{LevelPage, Page, RootPage};
+use crate::pager::PagerConfig;
 use crate::store::Store;
 
 /// What to load, with the pages that say where it is.
@@ -45,9 +46,9 @@ pub(crate) struct Loaders {
 
 impl Loaders {
     /// Starts the threads.
-    pub(crate) fn start(store: Arc<dyn Store>, threads: usize, limit: u64) -> Self {
-        let threads = threads.max(1);
-        let loads = Arc::new(Loads::new(limit, threads));
+    pub(crate) fn start(store: Arc<dyn Store>, config: PagerConfig) -> Self {
+        let threads = config.threads.max(1);
+        let loads = Arc::new(Loads::new(config.budget_bytes, threads));
         let bytes_read = Arc::new(AtomicU64::new(0));
         let mut loaders = Self {
             loads,
@@ -60,7 +61,7 @@ impl Loaders {
                 (loaders.loads.clone(), store.clone(), loaders.bytes_read.clone());
             loads.enter();
             let thread = std::thread::Builder::new().name(format!("pager {k}"));
-            match thread.spawn(move || run(&loads, &*store, &bytes_read)) {
+            match thread.spawn(move || run(&loads, &*store, &bytes_read, config.keep_blocks)) {
                 Ok(thread) => loaders.threads.push(thread),
                 Err(e) => {
                     loaders.loads.leave();
@@ -91,7 +92,7 @@ impl Drop for Loaders {
     }
 }
 
-fn run(loads: &Loads, store: &dyn Store, bytes_read: &AtomicU64) {
+fn run(loads: &Loads, store: &dyn Store, bytes_read: &AtomicU64, keep_blocks: bool) {
     loop {
         match loads.next() {
             Order::Stop => break,
@@ -102,7 +103,14 @@ fn run(loads: &Loads, store: &dyn Store, bytes_read: &AtomicU64) {
             Order::Load(job) => {
                 let handle = job.handle;
                 // A store is foreign code: if it panics the page has failed, and the loader lives on.
-                let result = catch_unwind(AssertUnwindSafe(|| load(loads, job, store, bytes_read)));
+                let reader = Reader {
+                    store,
+                    bytes_read,
+                    keep_blocks,
+                    reserve: &|bytes| loads.reserve(handle, bytes),
+                    read_done: &|| loads.read_done(handle),
+                };
+                let result = catch_unwind(AssertUnwindSafe(|| load(&reader, &job)));
                 let result = result
                     .unwrap_or_else(|_| Err(LoadError::Failed("a loader panicked on this page".to_owned())));
                 let bytes = result.as_ref().map_or(0, Page::memory);
@@ -113,13 +121,7 @@ fn run(loads: &Loads, store: &dyn Store, bytes_read: &AtomicU64) {
     loads.leave();
 }
 
-fn load(loads: &Loads, job: Job<Work>, store: &dyn Store, bytes_read: &AtomicU64) -> Result<Page, LoadError> {
-    let reader = Reader {
-        store,
-        bytes_read,
-        reserve: &|bytes| loads.reserve(job.handle, bytes),
-        read_done: &|| loads.read_done(job.handle),
-    };
+fn load(reader: &Reader<'_>, job: &Job<Work>) -> Result<Page, LoadError> {
     match &job.work {
         Work::Root { file } => reader.root(file).map(|page| Page::Root(Arc::new(page))),
         Work::Level { file, root, level } => match &root.index {
