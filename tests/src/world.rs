@@ -88,10 +88,17 @@ impl World {
     /// # Panics
     /// If the device has no room.
     pub fn renderer_within(&self, gpu_budget: u64) -> Renderer {
-        let config = RendererConfig {
+        self.renderer_with(RendererConfig {
             gpu_budget,
             ..RendererConfig::default()
-        };
+        })
+    }
+
+    /// A renderer with these budgets.
+    ///
+    /// # Panics
+    /// If the device has no room.
+    pub fn renderer_with(&self, config: RendererConfig) -> Renderer {
         let terrain = Terrain::open(&self.store).unwrap();
         Renderer::new(gpu(), Arc::clone(&self.store), terrain, config).unwrap()
     }

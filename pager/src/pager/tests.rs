@@ -1,5 +1,6 @@
 //! The pager against a small terrain in memory, with faults.
 
+mod blocks;
 mod budget;
 mod faults;
 mod order;
