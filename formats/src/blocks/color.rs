@@ -163,8 +163,6 @@ impl Block {
         let [a, b] = ends.map(|end| pack(narrow(end)));
         let ends = [a.max(b), a.min(b)];
         let values = palette(ends, true).map(|v| v.map(f32::from));
-        // Equal ends would be read as three values and nothing: all have the first then.
-        let choices = if a == b { 1 } else { 4 };
         let (mut indices, mut error) = (0, 0.0);
         for t in (0..16).filter(|t| weights[*t] > 0.0) {
             let off = |value: [f32; 3]| -> f32 {
@@ -172,8 +170,9 @@ impl Block {
                     .map(|k| (value[k] - texels[t][k]) * (value[k] - texels[t][k]))
                     .sum()
             };
+            // The first of equals: where both ends are the same, all texels have index 0, which is what both modes agree about.
             let mut nearest = (off(values[0]), 0);
-            for (index, value) in (1..).zip(&values[1..choices]) {
+            for (index, value) in (1..).zip(&values[1..]) {
                 let off = off(*value);
                 if off < nearest.0 {
                     nearest = (off, index);

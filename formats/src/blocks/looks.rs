@@ -129,3 +129,93 @@ pub(super) fn append(texels: &Texels, chunk: &mut Chunk) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::blocks::BlockChunk;
+    use crate::value::{BUILD_GAIN, Value};
+
+    const SIDE: usize = 10;
+
+    /// One sample in a brick of nothing, and opacities against the axes.
+    fn single(value: Value, at: usize, shares: [u8; 3]) -> Chunk {
+        let samples = SampleLayout::Centre.samples();
+        let mut chunk = Chunk {
+            mask: 1,
+            layout: SampleLayout::Centre,
+            color: vec![[0; 4]; samples],
+            normal: vec![[0; 4]; samples],
+            opacity: vec![[0; 4]; samples],
+        };
+        let stored = value.store(BUILD_GAIN);
+        (chunk.color[at], chunk.normal[at]) = (stored.color, stored.normal);
+        let [x, y, z] = shares;
+        chunk.opacity[at] = [x, y, z, 0];
+        chunk
+    }
+
+    #[test]
+    fn looks_know_nothing_of_alpha_and_spread_to_what_is_beside_them() {
+        let at = (4 * SIDE + 5) * SIDE + 6;
+        for alpha in [8u8, 132, 255] {
+            let value = Value {
+                rgb: [0.5, 0.25, 0.75],
+                alpha: f32::from(alpha) / 255.0,
+                normal: [0.0, -0.6, 0.8],
+            };
+            let looks = Looks::new(&single(value, at, [alpha, alpha / 2, 0]), 0);
+            let near = |a: [f32; 3], b: [f32; 3], bound: f32| {
+                assert!(
+                    (0..3).all(|k| (a[k] - b[k]).abs() <= bound),
+                    "{alpha}: {a:?} {b:?}"
+                );
+            };
+            // Small alphas leave few codes.
+            let bound = if alpha < 100 { 12.0 } else { 2.0 };
+            let [beside, corner, far] = [at + 1, at - 1 - SIDE - SIDE * SIDE, at + 2];
+            for place in [at, beside, corner] {
+                near(looks.color[place], [188.0, 137.0, 225.0], bound);
+                near(looks.normal[place], [132.0, 55.0, 230.4], bound);
+                let shares = looks.share.as_ref().unwrap()[place];
+                near(shares, [255.0, 127.5, 0.0], 1.0);
+            }
+            assert_eq!(looks.weight[far], 0.0);
+            assert!(looks.weight[at] > looks.weight[beside] && looks.weight[beside] > 0.0);
+        }
+    }
+
+    #[test]
+    fn texels_become_the_samples_that_they_were() {
+        let at = 333;
+        let value = Value {
+            rgb: [0.9, 0.1, 0.4],
+            alpha: 200.0 / 255.0,
+            normal: [-0.8, 0.0, 0.6],
+        };
+        let chunk = single(value, at, [200, 50, 100]);
+        let texels = BlockChunk::encode(&chunk).texels(0);
+        // The look of a lone sample is all that its blocks have to code.
+        let beside = texels.color[at + SIDE];
+        assert_eq!(beside[3], 0);
+        assert!((0..3).all(|k| beside[k].abs_diff(texels.color[at][k]) <= 8));
+        let back = BlockChunk::encode(&chunk).samples();
+        assert_eq!(back.color[at + SIDE], [0; 4]);
+        let off = |a: [u8; 4], b: [u8; 4]| (0..4).map(|k| a[k].abs_diff(b[k])).max();
+        assert!(
+            off(back.color[at], chunk.color[at]) <= Some(3),
+            "{:?}",
+            back.color[at]
+        );
+        assert!(
+            off(back.opacity[at], chunk.opacity[at]) <= Some(4),
+            "{:?}",
+            back.opacity[at]
+        );
+        let turned = (0..3)
+            .map(|k| back.normal[at][k].abs_diff(chunk.normal[at][k]))
+            .max();
+        assert!(turned <= Some(4), "{:?}", back.normal[at]);
+        assert_eq!(back.normal[at][1], 0, "nothing is exactly nothing");
+    }
+}

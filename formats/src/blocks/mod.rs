@@ -15,7 +15,8 @@
 //! for the colours of a surface, but not for these and all their products with what is a little of it. Who draws blocks
 //! multiplies after filtering.
 //!
-//! Invariants: a sample is nothing if and only if it was before, and opaque under the builder's gain if it was. Samples that
+//! Invariants: a sample is nothing if and only if it was before, and opaque under the builder's gain if it was, with the margin of solid
+//! ground. Samples that
 //! neighbouring bricks share are coded with each of them, and come out a little different. Any thread.
 //!
 //! | module | what |
