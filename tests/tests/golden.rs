@@ -28,15 +28,11 @@ fn demo() -> MutexGuard<'static, Demo> {
         .unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The bound between the renderers where bricks are in blocks. What lies between two end points is a matter of the device: lavapipe
-/// rounds it down from weights in 1/256, up to a step of 255 below what the reference takes, in colours, normals and alphas at once.
-const BETWEEN_ENDS: Bound = Bound { near: 3.0, ..BOUND };
-
-/// How far pictures of bricks in blocks are from those of samples.
+/// How far pictures of bricks in blocks are from those of samples, where silhouettes of foliage are the worst.
 const LOSS: Bound = Bound {
-    near: 12.0,
-    share: 0.98,
-    worst: 160.0,
+    near: 24.0,
+    share: 0.93,
+    worst: 255.0,
 };
 
 const PIXELS: [u32; 2] = [320, 240];
@@ -160,7 +156,7 @@ fn the_gpu_agrees_with_the_reference_about_blocks() {
                 for bias in [default.bias, 2.0] {
                     let what = format!("{layout:?}, {name}, bias {bias}");
                     let render = RenderSettings { bias, ..default };
-                    let picture = world.check(&what, &mut renderer, &camera, &render, BETWEEN_ENDS);
+                    let picture = world.check(&what, &mut renderer, &camera, &render, BOUND);
                     assert!(covered(&picture.gpu) > 320 * 240 / 5, "{what} shows little");
                     // Blocks lose something, but not much.
                     let (lossless, _) = settled(&mut other, &camera, &render);

@@ -9,6 +9,8 @@
 
 use std::sync::LazyLock;
 
+use super::Between;
+
 /// Bytes of a block.
 pub(super) const BYTES: usize = 8;
 
@@ -42,18 +44,13 @@ fn narrow(color: [f32; 3]) -> End {
     })
 }
 
-/// A third of the way from one byte to another, to the nearest byte.
-fn third(near: u8, far: u8) -> u8 {
-    ((2 * u16::from(near) + u16::from(far) + 1) / 3) as u8
-}
-
 /// The values that indices of a block name. `four`: the block is the colour half of BC3, in which the order of the end points
 /// means nothing.
-fn palette(ends: [u16; 2], four: bool) -> [[u8; 3]; 4] {
+fn palette(ends: [u16; 2], four: bool, between: Between) -> [[u8; 3]; 4] {
     let [a, b] = ends.map(|word| widen(unpack(word)));
     if four || ends[0] > ends[1] {
-        let on_line = |a: [u8; 3], b: [u8; 3]| std::array::from_fn(|k| third(a[k], b[k]));
-        [a, b, on_line(a, b), on_line(b, a)]
+        let on_line = |part| std::array::from_fn(|k| between.mix(a[k], b[k], part, 3));
+        [a, b, on_line(1), on_line(2)]
     } else {
         let middle = std::array::from_fn(|k| (u16::from(a[k]) + u16::from(b[k])).div_ceil(2) as u8);
         [a, b, middle, [0; 3]]
@@ -61,9 +58,10 @@ fn palette(ends: [u16; 2], four: bool) -> [[u8; 3]; 4] {
 }
 
 /// The texels of a block, x fastest.
-pub(super) fn decode(block: [u8; BYTES], four: bool) -> [[u8; 3]; 16] {
+pub(super) fn decode(block: [u8; BYTES], four: bool, between: Between) -> [[u8; 3]; 16] {
     let [a0, a1, b0, b1, indices @ ..] = block;
-    let values = palette([u16::from_le_bytes([a0, a1]), u16::from_le_bytes([b0, b1])], four);
+    let ends = [u16::from_le_bytes([a0, a1]), u16::from_le_bytes([b0, b1])];
+    let values = palette(ends, four, between);
     let indices = u32::from_le_bytes(indices);
     std::array::from_fn(|k| values[(indices >> (2 * k) & 3) as usize])
 }
@@ -162,7 +160,7 @@ impl Block {
     fn between(ends: [[f32; 3]; 2], texels: &[[f32; 3]; 16], weights: &[f32; 16]) -> Self {
         let [a, b] = ends.map(|end| pack(narrow(end)));
         let ends = [a.max(b), a.min(b)];
-        let values = palette(ends, true).map(|v| v.map(f32::from));
+        let values = palette(ends, true, Between::Nearest).map(|v| v.map(f32::from));
         let (mut indices, mut error) = (0, 0.0);
         for t in (0..16).filter(|t| weights[*t] > 0.0) {
             let off = |value: [f32; 3]| -> f32 {
@@ -218,7 +216,8 @@ static EVEN: LazyLock<[[[u16; 2]; 256]; 2]> = LazyLock::new(|| {
             let codes = 0..1u16 << bits;
             let pairs = codes.clone().flat_map(|a| codes.clone().map(move |b| [a, b]));
             let rank = |[a, b]: &[u16; 2]| {
-                let off = i32::from(third(byte(*a), byte(*b))) - wanted as i32;
+                let third = Between::Nearest.mix(byte(*a), byte(*b), 1, 3);
+                let off = i32::from(third) - wanted as i32;
                 (off.abs(), a.abs_diff(*b))
             };
             pairs.min_by_key(rank).unwrap_or_default()
@@ -236,18 +235,27 @@ mod tests {
         // Red over blue, all four indices in the first row.
         let four = [0x00, 0xf8, 0x1f, 0x00, 0b1110_0100, 0, 0, 0];
         assert_eq!(
-            decode(four, false)[..4],
+            decode(four, false, Between::Nearest)[..4],
             [[255, 0, 0], [0, 0, 255], [170, 0, 85], [85, 0, 170]]
         );
         // The other way round there are three values and nothing, but not in BC3.
         let three = [0x1f, 0x00, 0x00, 0xf8, 0b1110_0100, 0, 0, 0];
         assert_eq!(
-            decode(three, false)[..4],
+            decode(three, false, Between::Nearest)[..4],
             [[0, 0, 255], [255, 0, 0], [128, 0, 128], [0, 0, 0]]
         );
         assert_eq!(
-            decode(three, true)[..4],
+            decode(three, true, Between::Nearest)[..4],
             [[0, 0, 255], [255, 0, 0], [85, 0, 170], [170, 0, 85]]
+        );
+    }
+
+    #[test]
+    fn devices_may_round_what_is_between() {
+        let block = [0x00, 0xf8, 0x1f, 0x00, 0b1110_0100, 0, 0, 0];
+        assert_eq!(
+            decode(block, false, Between::Floored)[2..4],
+            [[170, 0, 84], [85, 0, 169]]
         );
     }
 
@@ -256,7 +264,7 @@ mod tests {
         for byte in 0..=255u8 {
             let color = [byte, 255 - byte, byte / 2];
             let block = encode(&[color.map(f32::from); 16], &[1.0; 16]);
-            for texel in decode(block, false) {
+            for texel in decode(block, false, Between::Nearest) {
                 for k in 0..3 {
                     assert!(texel[k].abs_diff(color[k]) <= 2, "{color:?} became {texel:?}");
                 }
@@ -274,7 +282,7 @@ mod tests {
                 color.map(f32::from)
             });
             let weights = std::array::from_fn(|t| f32::from(u8::from(without >> t & 1 == 0)));
-            let decoded = decode(encode(&texels, &weights), false);
+            let decoded = decode(encode(&texels, &weights), false, Between::Nearest);
             for t in (0..16).filter(|t| without >> t & 1 == 0) {
                 for k in 0..3 {
                     let off = (f32::from(decoded[t][k]) - texels[t][k]).abs();
@@ -286,7 +294,7 @@ mod tests {
         #[test]
         fn blocks_mean_the_same_in_bc1_and_bc3(texels in any::<[[u8; 3]; 16]>(), weights in any::<[u8; 16]>()) {
             let block = encode(&texels.map(|t| t.map(f32::from)), &weights.map(f32::from));
-            prop_assert_eq!(decode(block, false), decode(block, true));
+            prop_assert_eq!(decode(block, false, Between::Nearest), decode(block, true, Between::Nearest));
         }
 
         #[test]
@@ -296,7 +304,7 @@ mod tests {
                     f32::from(from[k]) + (f32::from(to[k]) - f32::from(from[k])) * t as f32 / 15.0
                 })
             });
-            let decoded = decode(encode(&texels, &[1.0; 16]), false);
+            let decoded = decode(encode(&texels, &[1.0; 16]), false, Between::Nearest);
             for (texel, got) in texels.iter().zip(decoded) {
                 for k in 0..3 {
                     let step = f32::from(from[k].abs_diff(to[k])) / 6.0;

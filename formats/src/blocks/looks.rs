@@ -133,7 +133,7 @@ pub(super) fn append(texels: &Texels, chunk: &mut Chunk) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::blocks::BlockChunk;
+    use crate::blocks::{Between, BlockChunk};
     use crate::value::{BUILD_GAIN, Value};
 
     const SIDE: usize = 10;
@@ -194,7 +194,7 @@ mod tests {
             normal: [-0.8, 0.0, 0.6],
         };
         let chunk = single(value, at, [200, 50, 100]);
-        let texels = BlockChunk::encode(&chunk).texels(0);
+        let texels = BlockChunk::encode(&chunk).texels(0, Between::Nearest);
         // The look of a lone sample is all that its blocks have to code.
         let beside = texels.color[at + SIDE];
         assert_eq!(beside[3], 0);

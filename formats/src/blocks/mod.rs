@@ -60,6 +60,32 @@ pub const fn brick_bytes(layout: SampleLayout, layers: Layers) -> usize {
     layout.side() as usize * SLICE_BLOCKS * block
 }
 
+/// How the values between the end points of a block become bytes. The specification leaves that to devices.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Between {
+    /// The nearest byte. Files mean this one.
+    #[default]
+    Nearest,
+    /// Weights in 1/256, and all rounded down: Mesa's software devices.
+    Floored,
+}
+
+impl Between {
+    /// `part` of `parts` of the way from one byte to another.
+    fn mix(self, from: u8, to: u8, part: u16, parts: u16) -> u8 {
+        match self {
+            Self::Nearest => {
+                let sum = u16::from(from) * (parts - part) + u16::from(to) * part;
+                ((sum + parts / 2) / parts) as u8
+            }
+            Self::Floored => {
+                let weight = (255 * 64 / i32::from(parts) * i32::from(part)) >> 6;
+                (i32::from(from) + (((i32::from(to) - i32::from(from)) * weight) >> 8)) as u8
+            }
+        }
+    }
+}
+
 /// Bricks of a chunk in blocks, in Morton order of their place in it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BlockChunk {
@@ -179,7 +205,7 @@ impl BlockChunk {
     }
 
     /// What the blocks of brick k say.
-    pub fn texels(&self, k: usize) -> Texels {
+    pub fn texels(&self, k: usize, between: Between) -> Texels {
         let samples = self.layout.samples();
         let side = self.layout.side() as usize;
         let [colors, normals, shares] = self.brick(k);
@@ -190,7 +216,8 @@ impl BlockChunk {
         };
         let (halves, _) = colors.as_chunks::<8>();
         for (block, halves) in blocks(side).zip(halves.chunks_exact(2)) {
-            let (alphas, colors) = (alpha::decode(halves[0]), color::decode(halves[1], true));
+            let alphas = alpha::decode(halves[0], between);
+            let colors = color::decode(halves[1], true, between);
             // Backwards, so that of places that are named more than once the first, not the padding, counts.
             for (t, at) in block.into_iter().enumerate().rev() {
                 let [r, g, b] = colors[t];
@@ -200,7 +227,7 @@ impl BlockChunk {
         for (layer, coded) in [(&mut out.normal, normals), (&mut out.share, shares)] {
             let (coded, _) = coded.as_chunks::<8>();
             for (block, coded) in blocks(side).zip(coded) {
-                let codes = color::decode(*coded, false);
+                let codes = color::decode(*coded, false, between);
                 for (t, at) in block.into_iter().enumerate().rev() {
                     layer[at] = codes[t];
                 }
@@ -219,7 +246,7 @@ impl BlockChunk {
             opacity: Vec::new(),
         };
         for k in 0..self.bricks() {
-            looks::append(&self.texels(k), &mut chunk);
+            looks::append(&self.texels(k, Between::Nearest), &mut chunk);
         }
         chunk
     }

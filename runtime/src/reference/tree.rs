@@ -6,7 +6,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use brickfell_formats::blocks::Texels;
+use brickfell_formats::blocks::{Between, Texels};
 use brickfell_formats::bricks::{self, BrickIndex, HEADER_BYTES, brick_file_name};
 use brickfell_formats::chunk::{Chunk, Encoding};
 use brickfell_formats::octree::{Node, TreeHeader};
@@ -33,6 +33,8 @@ pub(super) struct Tree {
     pub(super) header: TreeHeader,
     /// Where it is drawn, world metres.
     pub(super) bounds: [DVec3; 2],
+    /// How blocks are read.
+    pub(super) between: Between,
     /// Table of the binary file; an XML file has none and is read whole.
     index: Option<OctreeIndex>,
     levels: Vec<Once<Vec<Node>>>,
@@ -86,6 +88,7 @@ impl Tree {
             store,
             name: name.to_owned(),
             bounds: bounds.unwrap_or(header.bounds()),
+            between: Between::default(),
             header,
             index,
             levels,
@@ -136,7 +139,7 @@ impl Tree {
             let bytes = read(&*self.store, &file.name, entry.offset, u64::from(entry.length))?;
             let bricks = match file.index.header.encoding {
                 Encoding::Blocks => file.index.block_chunk(chunk, bytes).map(|chunk| {
-                    let texels = (0..chunk.bricks()).map(|k| chunk.texels(k));
+                    let texels = (0..chunk.bricks()).map(|k| chunk.texels(k, self.between));
                     Bricks::Blocks(texels.collect())
                 }),
                 _ => file.index.decode_chunk(chunk, &bytes).map(Bricks::Samples),
