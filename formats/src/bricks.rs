@@ -21,6 +21,7 @@ use std::ops::Range;
 
 use glam::UVec3;
 
+use crate::blocks::BlockChunk;
 use crate::chunk::{Chunk, Encoding, Layers, MAX_CHUNK_SIDE};
 use crate::error::FormatError;
 use crate::layout::SampleLayout;
@@ -245,11 +246,37 @@ impl BrickIndex {
         morton::decode(chunk.morton) << u32::from(self.header.chunk_log2)
     }
 
-    /// Checks a payload as read from the file and decodes it.
+    /// Checks a payload as read from the file and decodes it, from whatever encoding, to samples.
     ///
     /// # Errors
     /// A short read, a bad checksum, a payload that does not decode.
     pub fn decode_chunk(&self, chunk: u32, bytes: &[u8]) -> Result<Chunk, FormatError> {
+        let entry = self.checked(chunk, bytes)?;
+        let BrickHeader {
+            layout,
+            layers,
+            encoding,
+            ..
+        } = self.header;
+        Chunk::decode(bytes, entry.mask, layout, layers, encoding)
+            .map_err(|e| FormatError::at(entry.offset, format!("chunk {chunk}: {}", e.message)))
+    }
+
+    /// Checks a payload as read from the file and keeps its blocks as they are.
+    ///
+    /// # Errors
+    /// As [`Self::decode_chunk`], and if the file is not in blocks.
+    pub fn block_chunk(&self, chunk: u32, bytes: Vec<u8>) -> Result<BlockChunk, FormatError> {
+        let entry = self.checked(chunk, &bytes)?;
+        if self.header.encoding != Encoding::Blocks {
+            return Err(FormatError::at(16, "bricks are not block-compressed"));
+        }
+        BlockChunk::new(bytes, entry.mask, self.header.layout, self.header.layers)
+            .map_err(|e| FormatError::at(entry.offset, format!("chunk {chunk}: {}", e.message)))
+    }
+
+    /// The entry of a payload whose length and checksum are right.
+    fn checked(&self, chunk: u32, bytes: &[u8]) -> Result<&ChunkEntry, FormatError> {
         let Some(entry) = self.chunks.get(chunk as usize) else {
             return Err(FormatError::file(format!("there is no chunk {chunk}")));
         };
@@ -265,14 +292,7 @@ impl BrickIndex {
                 format!("checksum of chunk {chunk} does not match: the file is damaged"),
             ));
         }
-        let BrickHeader {
-            layout,
-            layers,
-            encoding,
-            ..
-        } = self.header;
-        Chunk::decode(bytes, entry.mask, layout, layers, encoding)
-            .map_err(|e| FormatError::at(entry.offset, format!("chunk {chunk}: {}", e.message)))
+        Ok(entry)
     }
 }
 

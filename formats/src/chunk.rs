@@ -4,12 +4,14 @@
 //! what they have in common: the payload is the box of samples that covers the present bricks (aprons at its outside
 //! only, so it decodes without any other page). Packed, each sample is told by what is expected of it (module `pack`). Plain,
 //! there is one plane of bytes per component, in columns from the top down, each byte as the difference to the one above it: bytes
-//! that can be read by eye, and the oracle of tests.
+//! that can be read by eye, and the oracle of tests. In blocks, bricks stand one after the other as the GPU reads them (module
+//! [`crate::blocks`]), and samples are not what they were.
 
 use std::ops::Range;
 
 use glam::UVec3;
 
+use crate::blocks::BlockChunk;
 use crate::error::FormatError;
 use crate::layout::{BRICK_VOXELS, SampleLayout};
 use crate::morton;
@@ -26,6 +28,8 @@ pub enum Encoding {
     Plain = 0,
     /// By what is expected of each sample.
     Packed = 4,
+    /// As blocks that the GPU reads; the only one with a loss.
+    Blocks = 5,
 }
 
 impl Encoding {
@@ -34,6 +38,7 @@ impl Encoding {
         match code {
             0 => Some(Self::Plain),
             4 => Some(Self::Packed),
+            5 => Some(Self::Blocks),
             _ => None,
         }
     }
@@ -209,10 +214,32 @@ impl ChunkBox {
         self.grid.put_run(top..top + z.len(), color, normal, opacity);
     }
 
+    /// The bricks by themselves, each with its apron.
+    fn chunk(&self) -> Chunk {
+        let samples = self.mask.count_ones() as usize * self.layout.samples();
+        let mut chunk = Chunk {
+            mask: self.mask,
+            layout: self.layout,
+            color: vec![[0; 4]; samples],
+            normal: vec![[0; 4]; samples],
+            opacity: vec![[0; 4]; if self.grid.axes() { samples } else { 0 }],
+        };
+        self.region
+            .for_each_place(self.mask, self.layout, |sample, place| {
+                let (color, normal, opacity) = self.grid.get(self.grid.index(place));
+                (chunk.color[sample], chunk.normal[sample]) = (color, normal);
+                if let Some(slot) = chunk.opacity.get_mut(sample) {
+                    *slot = opacity;
+                }
+            });
+        chunk
+    }
+
     /// Codes the chunk, whose looks are in steps by which none is off by more than `error`, 0 if they are not.
     pub fn encode(mut self, encoding: Encoding, error: u8) -> Vec<u8> {
         match encoding {
             Encoding::Packed => pack::encode(&mut self.grid, error),
+            Encoding::Blocks => BlockChunk::encode(&self.chunk()).into_bytes(),
             Encoding::Plain => {
                 let layers = if self.grid.axes() {
                     Layers::Axes
@@ -314,7 +341,8 @@ impl Chunk {
     /// Codes the chunk.
     ///
     /// # Errors
-    /// If the number of samples does not match the mask, or bricks disagree about a sample that they share.
+    /// If the number of samples does not match the mask, or bricks disagree about a sample that they share (but in blocks,
+    /// where none is shared).
     pub fn encode(&self, encoding: Encoding) -> Result<Vec<u8>, FormatError> {
         self.encode_in_steps(encoding, 0)
     }
@@ -336,6 +364,7 @@ impl Chunk {
         let payload = match encoding {
             Encoding::Plain => self.plain(&region),
             Encoding::Packed => self.grid(&region).map(|mut grid| pack::encode(&mut grid, error)),
+            Encoding::Blocks => Some(BlockChunk::encode(self).into_bytes()),
         };
         payload.ok_or_else(|| {
             FormatError::file("neighbouring bricks of a chunk disagree about a sample that they share")
@@ -408,6 +437,7 @@ impl Chunk {
         match encoding {
             Encoding::Plain => chunk.unfold(bytes, &region, layers)?,
             Encoding::Packed => chunk.unpack(bytes, &region, layers)?,
+            Encoding::Blocks => chunk = BlockChunk::new(bytes.to_vec(), mask, layout, layers)?.samples(),
         }
         Ok(chunk)
     }

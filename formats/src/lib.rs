@@ -10,12 +10,14 @@
 //! | [`octree_binary`], [`octree_xml`] | its two files, convertible without loss |
 //! | [`bricks`] | the brick file of one level: header, chunk directory, checksums |
 //! | [`chunk`] | a chunk's payload: the samples of neighbouring bricks, encoded |
+//! | [`blocks`] | the same as blocks that graphics hardware reads |
 //! | [`layout`] | where samples lie in a brick (9³ corners or 10³ centres) |
 //! | [`value`] | what a stored sample means: colour, opacity, normal |
 //! | [`morton`] | the order of nodes, bricks and chunks |
 //!
 //! `docs/formats.md` gives the byte diagrams.
 
+pub mod blocks;
 pub mod bricks;
 pub mod chunk;
 pub mod error;

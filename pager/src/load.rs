@@ -8,11 +8,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use brickfell_formats::bricks::{self, BrickHeader, BrickIndex, ChunkEntry, brick_file_name};
-use brickfell_formats::chunk::Chunk;
+use brickfell_formats::chunk::Encoding;
 use brickfell_formats::octree::{self, Node, TreeHeader, count_bricks};
 use brickfell_formats::octree_binary::{self, OctreeIndex};
 
-use crate::page::{LevelPage, RootPage, level_memory};
+use crate::page::{ChunkPage, LevelPage, RootPage, level_memory};
 use crate::store::Store;
 
 /// Longest XML octree that is read: they are written by hand or for tests.
@@ -48,6 +48,8 @@ pub(crate) struct Reader<'a> {
     pub(crate) store: &'a dyn Store,
     /// Counts what was done.
     pub(crate) meters: &'a Meters,
+    /// Whether blocks stay blocks.
+    pub(crate) keep_blocks: bool,
     /// Asks for this many bytes in all for the page; false if there is no room.
     pub(crate) reserve: &'a dyn Fn(u64) -> bool,
     /// To be called when the last read of the page has returned.
@@ -136,17 +138,21 @@ impl Reader<'_> {
     }
 
     /// Loads a chunk by its number in the directory.
-    pub(crate) fn chunk(&self, name: &str, bricks: &BrickIndex, chunk: u32) -> Result<Chunk, LoadError> {
+    pub(crate) fn chunk(&self, name: &str, bricks: &BrickIndex, chunk: u32) -> Result<ChunkPage, LoadError> {
         let Some(entry) = bricks.chunks.get(chunk as usize) else {
             return Err(self.fail(name, format!("there is no chunk {chunk}")));
         };
         let bytes = self.read(name, entry.offset, u64::from(entry.length))?;
         (self.read_done)();
         let start = Instant::now();
-        let decoded = bricks.decode_chunk(chunk, &bytes).map_err(|e| self.fail(name, e));
+        let page = if self.keep_blocks {
+            bricks.block_chunk(chunk, bytes).map(ChunkPage::Blocks)
+        } else {
+            bricks.decode_chunk(chunk, &bytes).map(ChunkPage::Samples)
+        };
         let nanos = start.elapsed().as_nanos() as u64;
         (self.meters.decode_nanos).fetch_add(nanos, Ordering::Relaxed);
-        decoded
+        page.map_err(|e| self.fail(name, e))
     }
 
     fn nodes(&self, name: &str, index: &OctreeIndex, level: u8) -> Result<Vec<Node>, LoadError> {
@@ -198,6 +204,12 @@ impl Reader<'_> {
                 ),
             ));
         }
+        if self.keep_blocks && header.encoding != Encoding::Blocks {
+            return Err(self.fail(
+                name,
+                "byte 16: its bricks are not block-compressed, which the scene says they are",
+            ));
+        }
         if header.bricks != expected {
             return Err(self.fail(
                 name,
@@ -237,9 +249,14 @@ pub(crate) fn level_estimate(nodes: u64) -> u64 {
     level_memory(2 * nodes, 0) + octree_binary::TILE_BYTES
 }
 
-/// Bytes that loading a chunk takes: the payload and the decoded samples. What a decoder works with beside them, up to 1.3 MiB, is
-/// the loader's while it decodes, so it does not grow with the requests under way.
-pub(crate) fn chunk_estimate(chunk: &ChunkEntry, header: &BrickHeader) -> u64 {
+/// Bytes that loading a chunk takes: the payload, and where it is not kept as it is the decoded samples. What a decoder works with
+/// beside them, up to 1.3 MiB, is the loader's while it decodes, so it does not grow with the requests under way.
+pub(crate) fn chunk_estimate(chunk: &ChunkEntry, header: &BrickHeader, keep_blocks: bool) -> u64 {
     let samples = chunk.mask.count_ones() as usize * header.layout.samples();
-    u64::from(chunk.length) + (samples * header.layers.sample_bytes() + size_of::<Chunk>()) as u64
+    let decoded = if keep_blocks {
+        0
+    } else {
+        samples * header.layers.sample_bytes()
+    };
+    u64::from(chunk.length) + (decoded + size_of::<ChunkPage>()) as u64
 }

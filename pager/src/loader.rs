@@ -6,9 +6,10 @@ use std::thread::JoinHandle;
 
 use brickfell_formats::bricks::brick_file_name;
 
-use crate::exchange::{Exchange, Job, Limits, Order};
+use crate::exchange::{Exchange, Job, Order};
 use crate::load::{LoadError, Meters, Reader};
 use crate::page::{LevelPage, Page, RootPage};
+use crate::pager::PagerConfig;
 use crate::store::Store;
 
 /// What to load, with the pages that say where it is.
@@ -44,9 +45,9 @@ pub(crate) struct Loaders {
 
 impl Loaders {
     /// Starts the threads.
-    pub(crate) fn start(store: Arc<dyn Store>, threads: usize, limits: Limits) -> Self {
-        let threads = threads.max(1);
-        let loads = Arc::new(Loads::new(limits, threads));
+    pub(crate) fn start(store: Arc<dyn Store>, config: PagerConfig) -> Self {
+        let threads = config.threads.max(1);
+        let loads = Arc::new(Loads::new(config.limits(), threads));
         let meters = Arc::new(Meters::default());
         let mut loaders = Self {
             loads,
@@ -58,7 +59,7 @@ impl Loaders {
             let (loads, store, meters) = (loaders.loads.clone(), store.clone(), loaders.meters.clone());
             loads.enter();
             let thread = std::thread::Builder::new().name(format!("pager {k}"));
-            match thread.spawn(move || run(&loads, &*store, &meters)) {
+            match thread.spawn(move || run(&loads, &*store, &meters, config.keep_blocks)) {
                 Ok(thread) => loaders.threads.push(thread),
                 Err(e) => {
                     loaders.loads.leave();
@@ -89,7 +90,7 @@ impl Drop for Loaders {
     }
 }
 
-fn run(loads: &Loads, store: &dyn Store, meters: &Meters) {
+fn run(loads: &Loads, store: &dyn Store, meters: &Meters, keep_blocks: bool) {
     loop {
         match loads.next() {
             Order::Stop => break,
@@ -100,7 +101,14 @@ fn run(loads: &Loads, store: &dyn Store, meters: &Meters) {
             Order::Load(job) => {
                 let handle = job.handle;
                 // A store is foreign code: if it panics the page has failed, and the loader lives on.
-                let result = catch_unwind(AssertUnwindSafe(|| load(loads, job, store, meters)));
+                let reader = Reader {
+                    store,
+                    meters,
+                    keep_blocks,
+                    reserve: &|bytes| loads.reserve(handle, bytes),
+                    read_done: &|| loads.read_done(handle),
+                };
+                let result = catch_unwind(AssertUnwindSafe(|| load(&reader, &job)));
                 let result = result
                     .unwrap_or_else(|_| Err(LoadError::Failed("a loader panicked on this page".to_owned())));
                 let bytes = result.as_ref().map_or(0, Page::memory);
@@ -111,13 +119,7 @@ fn run(loads: &Loads, store: &dyn Store, meters: &Meters) {
     loads.leave();
 }
 
-fn load(loads: &Loads, job: Job<Work>, store: &dyn Store, meters: &Meters) -> Result<Page, LoadError> {
-    let reader = Reader {
-        store,
-        meters,
-        reserve: &|bytes| loads.reserve(job.handle, bytes),
-        read_done: &|| loads.read_done(job.handle),
-    };
+fn load(reader: &Reader<'_>, job: &Job<Work>) -> Result<Page, LoadError> {
     let page = match &job.work {
         Work::Root { file } => reader.root(file).map(|page| Page::Root(Arc::new(page))),
         Work::Level { file, root, level } => match &root.index {
@@ -142,7 +144,7 @@ fn load(loads: &Loads, job: Job<Work>, store: &dyn Store, meters: &Meters) -> Re
         }
     }?;
     // Whatever was expected: a page that the budget has no room for does not come in.
-    match loads.reserve(job.handle, page.memory()) {
+    match (reader.reserve)(page.memory()) {
         true => Ok(page),
         false => Err(LoadError::Outgrown(page.memory())),
     }

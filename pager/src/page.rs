@@ -4,15 +4,17 @@
 //! |---|---|---|
 //! | root | header, level table, the root node and its brick; of an XML octree all nodes | nothing |
 //! | level | the nodes of one level and the directory of its brick file | the root and all coarser levels |
-//! | chunk | the samples of neighbouring bricks of one level | its level |
+//! | chunk | the samples or blocks of neighbouring bricks of one level | its level |
 //!
 //! Pages are immutable and shared by `Arc`; any thread may read them.
 
 use std::sync::Arc;
 
 use brickfell_culler::TreeId;
+use brickfell_formats::blocks::BlockChunk;
 use brickfell_formats::bricks::{BrickIndex, ChunkEntry};
-use brickfell_formats::chunk::Chunk;
+use brickfell_formats::chunk::{Chunk, Layers};
+use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::octree::{Node, TreeHeader};
 use brickfell_formats::octree_binary::{LevelEntry, OctreeIndex};
 
@@ -83,7 +85,7 @@ pub struct RootPage {
     /// The root node and the directory of its brick file.
     pub level0: Arc<LevelPage>,
     /// The root's brick, `None` if the root is a constant node.
-    pub chunk0: Option<Arc<Chunk>>,
+    pub chunk0: Option<Arc<ChunkPage>>,
     /// Levels 1 to `depth` of an XML octree, empty for a binary one.
     pub preloaded: Vec<Arc<LevelPage>>,
 }
@@ -97,7 +99,7 @@ impl RootPage {
             .map_or(0, |i| i.levels.len() * size_of::<LevelEntry>());
         let chunk = self.chunk0.as_ref().map_or(0, |c| c.memory());
         let levels: u64 = self.preloaded.iter().map(|l| l.memory()).sum();
-        (size_of::<Self>() + table + chunk) as u64 + self.level0.memory() + levels
+        (size_of::<Self>() + table) as u64 + chunk + self.level0.memory() + levels
     }
 }
 
@@ -118,6 +120,50 @@ impl LevelPage {
     }
 }
 
+/// The bricks of a chunk, in the form in which they go to the GPU.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ChunkPage {
+    /// Their samples.
+    Samples(Chunk),
+    /// Their blocks, as they are stored.
+    Blocks(BlockChunk),
+}
+
+impl ChunkPage {
+    /// The samples, if it holds them.
+    pub fn samples(&self) -> Option<&Chunk> {
+        match self {
+            Self::Samples(chunk) => Some(chunk),
+            Self::Blocks(_) => None,
+        }
+    }
+
+    /// Where samples lie.
+    pub fn layout(&self) -> SampleLayout {
+        match self {
+            Self::Samples(chunk) => chunk.layout,
+            Self::Blocks(chunk) => chunk.layout(),
+        }
+    }
+
+    /// What is stored of each sample.
+    pub fn layers(&self) -> Layers {
+        match self {
+            Self::Samples(chunk) => chunk.layers(),
+            Self::Blocks(chunk) => chunk.layers(),
+        }
+    }
+
+    /// Bytes the page takes in memory.
+    pub fn memory(&self) -> u64 {
+        let owned = match self {
+            Self::Samples(chunk) => chunk.memory() - size_of::<Chunk>(),
+            Self::Blocks(chunk) => chunk.memory() - size_of::<BlockChunk>(),
+        };
+        (owned + size_of::<Self>()) as u64
+    }
+}
+
 /// Bytes of a level page of so many nodes and chunks.
 pub(crate) fn level_memory(nodes: u64, chunks: u64) -> u64 {
     size_of::<LevelPage>() as u64 + nodes * size_of::<Node>() as u64 + chunks * size_of::<ChunkEntry>() as u64
@@ -128,7 +174,7 @@ pub(crate) fn level_memory(nodes: u64, chunks: u64) -> u64 {
 pub(crate) enum Page {
     Root(Arc<RootPage>),
     Level(Arc<LevelPage>),
-    Chunk(Arc<Chunk>),
+    Chunk(Arc<ChunkPage>),
 }
 
 impl Page {
@@ -136,7 +182,7 @@ impl Page {
         match self {
             Self::Root(page) => page.memory(),
             Self::Level(page) => page.memory(),
-            Self::Chunk(page) => page.memory() as u64,
+            Self::Chunk(page) => page.memory(),
         }
     }
 }

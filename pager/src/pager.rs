@@ -15,12 +15,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use brickfell_culler::TreeId;
-use brickfell_formats::chunk::Chunk;
 
 use crate::exchange::Limits;
 use crate::loader::Loaders;
 use crate::lru::Lru;
-use crate::page::{Page, PageKey};
+use crate::page::{ChunkPage, Page, PageKey};
 use crate::store::Store;
 use crate::table::{Handle, State, Table};
 use crate::tree::TreeState;
@@ -36,6 +35,8 @@ pub struct PagerConfig {
     pub retry: Duration,
     /// Attempts after which a page is given up; 0 counts as 1.
     pub max_attempts: u32,
+    /// Whether chunks stay in the blocks in which they are stored, and those that are not are faults; else all become samples.
+    pub keep_blocks: bool,
 }
 
 impl Default for PagerConfig {
@@ -45,6 +46,7 @@ impl Default for PagerConfig {
             threads: 2,
             retry: Duration::from_secs(1),
             max_attempts: 3,
+            keep_blocks: false,
         }
     }
 }
@@ -163,7 +165,7 @@ impl Pager {
         };
         Self {
             config,
-            loaders: Loaders::start(store, config.threads, config.limits()),
+            loaders: Loaders::start(store, config),
             trees: trees.into_iter().map(tree).collect(),
             table: Table::default(),
             chunks: Lru::default(),
@@ -229,7 +231,7 @@ impl Pager {
     }
 
     /// A chunk, if it is resident.
-    pub fn chunk(&self, tree: TreeId, level: u8, chunk: u32) -> Option<&Arc<Chunk>> {
+    pub fn chunk(&self, tree: TreeId, level: u8, chunk: u32) -> Option<&Arc<ChunkPage>> {
         if level == 0 {
             return self.tree(tree)?.root.chunk0.as_ref().filter(|_| chunk == 0);
         }

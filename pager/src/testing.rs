@@ -56,9 +56,9 @@ pub(crate) fn color(tag: u8, level: u8, chunk: u32) -> [u8; 4] {
     [tag, level, chunk as u8, 255]
 }
 
-fn brick_file(tree: &Octree, level: u8, tag: u8) -> Vec<u8> {
+fn brick_file(tree: &Octree, level: u8, tag: u8, encoding: Encoding) -> Vec<u8> {
     let layout = tree.header.layout;
-    let mut writer = BrickFileWriter::new(level, layout, CHUNK_LOG2, Encoding::Packed);
+    let mut writer = BrickFileWriter::new(level, layout, CHUNK_LOG2, encoding);
     let mut file = vec![0; HEADER_BYTES];
     let mut chunks: Vec<(u64, u64)> = Vec::new();
     for (p, node) in tree
@@ -86,7 +86,7 @@ fn brick_file(tree: &Octree, level: u8, tag: u8) -> Vec<u8> {
             normal: vec![[0, 0, 127, 0]; samples],
             opacity: Vec::new(),
         };
-        let payload = chunk.encode(Encoding::Packed).unwrap();
+        let payload = chunk.encode(encoding).unwrap();
         writer.push(morton::decode(code), mask, &payload).unwrap();
         file.extend_from_slice(&payload);
     }
@@ -103,12 +103,26 @@ pub(crate) fn objects(file: &str, depth: u8, tag: u8) -> Vec<(String, Vec<u8>)> 
 
 /// The objects of any tree.
 pub(crate) fn objects_of(tree: &Octree, file: &str, tag: u8) -> Vec<(String, Vec<u8>)> {
+    coded_objects(tree, file, tag, Encoding::Packed)
+}
+
+/// The same with bricks in an encoding.
+pub(crate) fn coded_objects(
+    tree: &Octree,
+    file: &str,
+    tag: u8,
+    encoding: Encoding,
+) -> Vec<(String, Vec<u8>)> {
     let octree = match file.ends_with(".xml") {
         true => octree_xml::encode(tree).unwrap().into_bytes(),
         false => octree_binary::encode(tree).unwrap(),
     };
-    let bricks =
-        (0..=tree.header.depth).map(|level| (brick_file_name(file, level), brick_file(tree, level, tag)));
+    let bricks = (0..=tree.header.depth).map(|level| {
+        (
+            brick_file_name(file, level),
+            brick_file(tree, level, tag, encoding),
+        )
+    });
     std::iter::once((file.to_owned(), octree)).chain(bricks).collect()
 }
 
@@ -128,7 +142,7 @@ pub(crate) fn config(budget_bytes: u64, threads: usize) -> PagerConfig {
         budget_bytes,
         threads,
         retry: Duration::from_millis(5),
-        max_attempts: 3,
+        ..PagerConfig::default()
     }
 }
 

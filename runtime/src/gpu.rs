@@ -15,6 +15,8 @@ pub struct Gpu {
     pub info: wgpu::AdapterInfo,
     /// Nanoseconds per tick if timestamps can be queried.
     pub timestamp_period: Option<f32>,
+    /// Whether it samples block-compressed 3D textures.
+    pub reads_blocks: bool,
     fault: Arc<Mutex<Option<String>>>,
 }
 
@@ -41,7 +43,9 @@ impl Gpu {
         });
         let adapter = adapters.into_iter().next().ok_or(RuntimeError::NoAdapter)?;
         let info = adapter.get_info();
-        let wanted = wgpu::Features::TIMESTAMP_QUERY;
+        let blocks =
+            wgpu::Features::TEXTURE_COMPRESSION_BC | wgpu::Features::TEXTURE_COMPRESSION_BC_SLICED_3D;
+        let wanted = wgpu::Features::TIMESTAMP_QUERY | blocks;
         let features = adapter.features() & wanted;
         let (device, queue) = adapter
             .request_device(&wgpu::DeviceDescriptor {
@@ -82,6 +86,7 @@ impl Gpu {
             queue,
             info,
             timestamp_period,
+            reads_blocks: features.contains(blocks),
             fault,
         }))
     }

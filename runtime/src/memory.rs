@@ -1,16 +1,23 @@
-//! The pools' memory on the device: node pool, brick pool textures, usage stamps, and the upload kernels that write them.
+//! The pools' memory on the device: node pool, brick pool textures, usage stamps, and what writes them.
 //!
-//! All node words and bricks of a frame travel in one buffer each and are put in place by two dispatches: wgpu pads
-//! texture rows to 256 bytes and pays for every copy. Called by the render thread.
+//! All node words and bricks of a frame travel in one buffer each. Node words are put in place by a dispatch; so are bricks where they
+//! are samples (`samples`), and where they are blocks they are copied (`blocks`). Called by the render thread.
+
+mod blocks;
+mod samples;
 
 use std::sync::Arc;
 
-use brickfell_formats::chunk::{Chunk, Layers};
+use brickfell_formats::blocks as coding;
+use brickfell_formats::chunk::Layers;
 use brickfell_formats::layout::SampleLayout;
+use brickfell_pager::ChunkPage;
 use brickfell_shaders::{SCATTER, layout};
 
 use crate::error::RuntimeError;
 use crate::gpu::Gpu;
+use blocks::BlockWriter;
+use samples::SampleWriter;
 
 /// Most bricks of one upload; at 10³ samples of 8 bytes, 16 MB.
 pub const MAX_UPLOAD_BRICKS: usize = 2048;
@@ -20,10 +27,12 @@ pub const MAX_UPLOAD_NODES: usize = 1 << 16;
 /// Sizes of the pools.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PoolSizes {
-    /// Samples of a brick slot per axis.
-    pub brick_side: u32,
+    /// Where the samples of bricks lie.
+    pub layout: SampleLayout,
     /// What is stored of a sample; where that is more than a brick has, the rest is unused.
     pub layers: Layers,
+    /// Whether bricks are blocks instead of samples.
+    pub blocks: bool,
     /// Brick slots per axis.
     pub slots: [u32; 3],
     /// Node tiles; tile 0 is the null tile.
@@ -37,15 +46,22 @@ impl PoolSizes {
     /// If not even a few bricks fit.
     pub fn fit(
         budget: u64,
-        sample_layout: SampleLayout,
+        layout: SampleLayout,
         layers: Layers,
+        blocks: bool,
         limits: &wgpu::Limits,
     ) -> Result<Self, RuntimeError> {
-        let side = sample_layout.side();
+        let smallest = Self {
+            layout,
+            layers,
+            blocks,
+            slots: [1; 3],
+            tiles: 1,
+        };
         // A brick slot with its stamp, and two node tiles with theirs.
-        let per_brick = (sample_layout.samples() * layers.sample_bytes()) as u64 + 4 + 2 * (64 + 4);
+        let per_brick = smallest.brick_bytes() + 4 + 2 * (64 + 4);
         let wanted = budget / per_brick;
-        let most_per_axis = limits.max_texture_dimension_3d / side;
+        let most = smallest.slot().map(|s| limits.max_texture_dimension_3d / s);
         // A tile has 64 bytes, in one storage binding.
         let binding = limits.max_storage_buffer_binding_size;
         let mut slots = [(wanted as f64).cbrt().floor().max(1.0) as u32; 3];
@@ -56,7 +72,7 @@ impl PoolSizes {
                 .filter(|(a, _)| *a != axis)
                 .map(|(_, s)| u64::from(*s))
                 .product();
-            slots[axis] = ((wanted / others.max(1)) as u32).clamp(1, most_per_axis);
+            slots[axis] = ((wanted / others.max(1)) as u32).clamp(1, most[axis]);
         }
         let bricks: u64 = slots.iter().map(|s| u64::from(*s)).product();
         if wanted < 8 || bricks < 8 {
@@ -67,10 +83,9 @@ impl PoolSizes {
         }
         let tiles = (bricks * 2 + 64).min(binding / 64).min(1 << 27) as u32;
         Ok(Self {
-            brick_side: side,
-            layers,
             slots,
             tiles,
+            ..smallest
         })
     }
 
@@ -79,9 +94,37 @@ impl PoolSizes {
         self.slots.iter().product()
     }
 
+    /// Texels of a brick slot per axis.
+    pub fn slot(&self) -> [u32; 3] {
+        let side = self.layout.side();
+        if self.blocks {
+            [coding::SLICE_SIDE, coding::SLICE_SIDE, side]
+        } else {
+            [side; 3]
+        }
+    }
+
+    /// Texels of the brick pool per axis.
+    pub fn texels(&self) -> [u32; 3] {
+        let slot = self.slot();
+        std::array::from_fn(|axis| self.slots[axis] * slot[axis])
+    }
+
+    /// The first texel of a slot.
+    pub(crate) fn slot_corner(&self, slot: u32) -> [u32; 3] {
+        let [x, y, _] = self.slots;
+        let (cell, size) = ([slot % x, slot / x % y, slot / (x * y)], self.slot());
+        std::array::from_fn(|axis| cell[axis] * size[axis])
+    }
+
     /// Bytes of a brick slot in the textures.
     pub fn brick_bytes(&self) -> u64 {
-        u64::from(self.brick_side).pow(3) * self.layers.sample_bytes() as u64
+        let bytes = if self.blocks {
+            coding::brick_bytes(self.layout, self.layers)
+        } else {
+            self.layout.samples() * self.layers.sample_bytes()
+        };
+        bytes as u64
     }
 
     /// Bytes on the device.
@@ -98,9 +141,25 @@ pub struct BrickUpload {
     /// Where to.
     pub slot: u32,
     /// The chunk it is in.
-    pub chunk: Arc<Chunk>,
+    pub chunk: Arc<ChunkPage>,
     /// Its place among the chunk's bricks.
     pub brick: u32,
+}
+
+/// The brick pool as the kernel reads it.
+#[derive(Debug)]
+struct Views {
+    color: wgpu::TextureView,
+    normal: wgpu::TextureView,
+    /// Hardly anything where no brick has opacities against the axes.
+    opacity: wgpu::TextureView,
+}
+
+/// What puts bricks into their slots.
+#[derive(Debug)]
+enum BrickWriter {
+    Samples(SampleWriter),
+    Blocks(BlockWriter),
 }
 
 /// The pools on the device.
@@ -113,66 +172,27 @@ pub struct PoolMemory {
     pub(crate) tile_stamps: wgpu::Buffer,
     pub(crate) color: wgpu::TextureView,
     pub(crate) normal: wgpu::TextureView,
-    /// One texel where no brick has opacities against the axes.
     pub(crate) opacity: wgpu::TextureView,
     scatter_nodes: wgpu::ComputePipeline,
-    scatter_bricks: wgpu::ComputePipeline,
     node_bindings: wgpu::BindGroup,
-    brick_bindings: wgpu::BindGroup,
     uniform: wgpu::Buffer,
     node_updates: wgpu::Buffer,
-    brick_slots: wgpu::Buffer,
-    brick_data: wgpu::Buffer,
-    staging: Vec<u32>,
+    bricks: BrickWriter,
 }
 
 impl PoolMemory {
     /// Allocates the pools, all slots empty.
     ///
     /// # Errors
-    /// If the device cannot hold them.
+    /// If the device cannot hold them, or cannot read blocks and they are to be kept.
     pub fn new(gpu: &Gpu, sizes: PoolSizes) -> Result<Self, RuntimeError> {
-        use wgpu::{BufferUsages as B, TextureFormat as F, TextureUsages as T};
+        use wgpu::BufferUsages as B;
+        if sizes.blocks && !gpu.reads_blocks {
+            return Err(RuntimeError::Device(
+                "it has no block-compressed 3D textures".into(),
+            ));
+        }
         let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-        let pool = sizes.slots.map(|s| s * sizes.brick_side);
-        let texture = |label, [x, y, z]: [u32; 3], format, sampled: F| {
-            let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d {
-                    width: x,
-                    height: y,
-                    depth_or_array_layers: z,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D3,
-                format,
-                usage: T::TEXTURE_BINDING | T::STORAGE_BINDING,
-                view_formats: if sampled == format {
-                    &[]
-                } else {
-                    &[F::Rgba8UnormSrgb]
-                },
-            });
-            let view = |format, usage| {
-                texture.create_view(&wgpu::TextureViewDescriptor {
-                    format: Some(format),
-                    usage: Some(usage),
-                    ..Default::default()
-                })
-            };
-            (
-                view(sampled, T::TEXTURE_BINDING),
-                view(format, T::STORAGE_BINDING),
-            )
-        };
-        let (color, color_store) = texture("brick colours", pool, F::Rgba8Unorm, F::Rgba8UnormSrgb);
-        let (normal, normal_store) = texture("brick normals", pool, F::Rgba8Snorm, F::Rgba8Snorm);
-        let opacities = match sizes.layers {
-            Layers::Plain => [1; 3],
-            Layers::Axes => pool,
-        };
-        let (opacity, opacity_store) = texture("brick opacities", opacities, F::Rgba8Unorm, F::Rgba8Unorm);
         let nodes = gpu.buffer("node pool", u64::from(sizes.tiles) * 64, B::STORAGE);
         let brick_stamps = gpu.buffer("brick stamps", u64::from(sizes.bricks()) * 4, B::STORAGE);
         let tile_stamps = gpu.buffer("tile stamps", u64::from(sizes.tiles) * 4, B::STORAGE);
@@ -186,35 +206,20 @@ impl PoolMemory {
             MAX_UPLOAD_NODES as u64 * 16,
             B::STORAGE | B::COPY_DST,
         );
-        let brick_slots = gpu.buffer(
-            "brick slots",
-            MAX_UPLOAD_BRICKS as u64 * 4,
-            B::STORAGE | B::COPY_DST,
-        );
-        let brick_data = gpu.buffer(
-            "brick data",
-            MAX_UPLOAD_BRICKS as u64 * sizes.brick_bytes(),
-            B::STORAGE | B::COPY_DST,
-        );
+        let (bricks, views) = if sizes.blocks {
+            let (writer, views) = BlockWriter::new(gpu, sizes);
+            (BrickWriter::Blocks(writer), views)
+        } else {
+            let (writer, views) = SampleWriter::new(gpu, sizes, &uniform);
+            (BrickWriter::Samples(writer), views)
+        };
         let scatter_nodes = gpu.compute_pipeline("scatter nodes", SCATTER, "scatter_nodes");
-        let scatter_bricks = gpu.compute_pipeline("scatter bricks", SCATTER, "scatter_bricks");
         let node_bindings = gpu.bind(
             &scatter_nodes,
             &[
                 (0, uniform.as_entire_binding()),
                 (1, node_updates.as_entire_binding()),
                 (2, nodes.as_entire_binding()),
-            ],
-        );
-        let brick_bindings = gpu.bind(
-            &scatter_bricks,
-            &[
-                (0, uniform.as_entire_binding()),
-                (3, brick_slots.as_entire_binding()),
-                (4, brick_data.as_entire_binding()),
-                (5, wgpu::BindingResource::TextureView(&color_store)),
-                (6, wgpu::BindingResource::TextureView(&normal_store)),
-                (7, wgpu::BindingResource::TextureView(&opacity_store)),
             ],
         );
         if let Some(error) = pollster::block_on(scope.pop()) {
@@ -229,28 +234,28 @@ impl PoolMemory {
             nodes,
             brick_stamps,
             tile_stamps,
-            color,
-            normal,
-            opacity,
+            color: views.color,
+            normal: views.normal,
+            opacity: views.opacity,
             scatter_nodes,
-            scatter_bricks,
             node_bindings,
-            brick_bindings,
             uniform,
             node_updates,
-            brick_slots,
-            brick_data,
-            staging: Vec::new(),
+            bricks,
         })
     }
 
     /// Bytes on the device, upload buffers included.
     pub fn bytes(&self) -> u64 {
-        self.sizes.bytes() + self.node_updates.size() + self.brick_slots.size() + self.brick_data.size()
+        let upload = match &self.bricks {
+            BrickWriter::Samples(writer) => writer.buffer_bytes(),
+            BrickWriter::Blocks(writer) => writer.buffer_bytes(),
+        };
+        self.sizes.bytes() + self.node_updates.size() + upload
     }
 
-    /// Writes the staging buffers and encodes the scatter. At most [`MAX_UPLOAD_NODES`] node words (index, word, word, 0)
-    /// and [`MAX_UPLOAD_BRICKS`] bricks. Returns the bytes sent.
+    /// Writes the staging buffers and encodes what puts their contents in place. At most [`MAX_UPLOAD_NODES`] node words (index,
+    /// word, word, 0) and [`MAX_UPLOAD_BRICKS`] bricks, in the form that the pool has. Returns the bytes sent.
     pub fn upload(
         &mut self,
         gpu: &Gpu,
@@ -259,51 +264,74 @@ impl PoolMemory {
         bricks: &[BrickUpload],
         timestamps: Option<wgpu::ComputePassTimestampWrites<'_>>,
     ) -> u64 {
+        let sizes = self.sizes;
         let uniform = layout::Scatter {
             nodes: nodes.len() as u32,
             bricks: bricks.len() as u32,
-            brick_side: self.sizes.brick_side,
-            words: self.sizes.layers.sample_bytes() as u32 / 4,
-            slots: [self.sizes.slots[0], self.sizes.slots[1], self.sizes.slots[2], 0],
+            brick_side: sizes.layout.side(),
+            words: sizes.layers.sample_bytes() as u32 / 4,
+            slots: [sizes.slots[0], sizes.slots[1], sizes.slots[2], 0],
         };
         let queue = &gpu.queue;
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
         queue.write_buffer(&self.node_updates, 0, bytemuck::cast_slice(nodes));
-        self.staging.clear();
-        self.staging.extend(bricks.iter().map(|b| b.slot));
-        queue.write_buffer(&self.brick_slots, 0, bytemuck::cast_slice(&self.staging));
-        let samples = (self.sizes.brick_side as usize).pow(3);
-        for (k, upload) in bricks.iter().enumerate() {
-            let at = k as u64 * self.sizes.brick_bytes();
-            let brick = upload.brick as usize;
-            queue.write_buffer(
-                &self.brick_data,
-                at,
-                upload.chunk.brick_color(brick).as_flattened(),
-            );
-            queue.write_buffer(
-                &self.brick_data,
-                at + samples as u64 * 4,
-                bytemuck::cast_slice(upload.chunk.brick_normal(brick)),
-            );
-            if let (Layers::Axes, Some(opacity)) = (self.sizes.layers, upload.chunk.brick_opacity(brick)) {
-                queue.write_buffer(&self.brick_data, at + samples as u64 * 8, opacity.as_flattened());
+        let (mut sent, mut timestamps) = (nodes.len() as u64 * 16, timestamps);
+        match &mut self.bricks {
+            BrickWriter::Samples(writer) => sent += writer.send(gpu, sizes, bricks),
+            BrickWriter::Blocks(writer) => {
+                // Copies stand outside of passes: an empty one before them tells when they began.
+                if let Some(begin) = &mut timestamps {
+                    let end = begin.end_of_pass_write_index.take();
+                    encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                        label: Some("upload begins"),
+                        timestamp_writes: Some(begin.clone()),
+                    });
+                    begin.beginning_of_pass_write_index = None;
+                    begin.end_of_pass_write_index = end;
+                }
+                sent += writer.copy(gpu, encoder, sizes, bricks);
             }
         }
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some("upload"),
             timestamp_writes: timestamps,
         });
-        if !bricks.is_empty() {
-            pass.set_pipeline(&self.scatter_bricks);
-            pass.set_bind_group(0, &self.brick_bindings, &[]);
-            pass.dispatch_workgroups((samples as u32).div_ceil(64), bricks.len() as u32, 1);
+        if let BrickWriter::Samples(writer) = &self.bricks
+            && !bricks.is_empty()
+        {
+            writer.scatter(&mut pass, sizes, bricks.len());
         }
         if !nodes.is_empty() {
             pass.set_pipeline(&self.scatter_nodes);
             pass.set_bind_group(0, &self.node_bindings, &[]);
             pass.dispatch_workgroups((nodes.len() as u32).div_ceil(64), 1, 1);
         }
-        nodes.len() as u64 * 16 + bricks.len() as u64 * (self.sizes.brick_bytes() + 4)
+        sent
     }
+}
+
+/// A texture of the brick pool, written in one format and sampled in another that differs at most in its encoding.
+fn texture(
+    gpu: &Gpu,
+    label: &str,
+    [width, height, depth_or_array_layers]: [u32; 3],
+    format: wgpu::TextureFormat,
+    sampled: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> wgpu::Texture {
+    let other = [sampled];
+    gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D3,
+        format,
+        usage,
+        view_formats: if sampled == format { &[] } else { &other },
+    })
 }

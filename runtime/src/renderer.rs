@@ -11,6 +11,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use brickfell_culler::{Camera, Culler, Cut, Expiry, Readiness, VisibleTree};
+use brickfell_formats::blocks::{NORMAL_SCALE, NORMAL_ZERO};
 use brickfell_pager::{Lookahead, PageFault, PageKey, Pager, PagerConfig, PagerStats, Store};
 use brickfell_shaders::layout;
 
@@ -39,6 +40,8 @@ pub struct RendererConfig {
     pub gpu_budget: u64,
     /// Threads that load.
     pub loader_threads: usize,
+    /// Whether block-compressed bricks stay so, where the device can read them. Else the pager decodes them.
+    pub keep_blocks: bool,
 }
 
 impl Default for RendererConfig {
@@ -47,6 +50,7 @@ impl Default for RendererConfig {
             ram_budget: 1 << 30,
             gpu_budget: 512 << 20,
             loader_threads: 2,
+            keep_blocks: true,
         }
     }
 }
@@ -164,10 +168,12 @@ impl Renderer {
         terrain: Terrain,
         config: RendererConfig,
     ) -> Result<Self, RuntimeError> {
+        let keep_blocks = terrain.compressed && config.keep_blocks && gpu.reads_blocks;
         let sizes = PoolSizes::fit(
             config.gpu_budget,
             terrain.layout,
             terrain.layers,
+            keep_blocks,
             &gpu.device.limits(),
         )?;
         let memory = PoolMemory::new(&gpu, sizes)?;
@@ -180,6 +186,7 @@ impl Renderer {
             PagerConfig {
                 budget_bytes: config.ram_budget,
                 threads: config.loader_threads,
+                keep_blocks,
                 ..Default::default()
             },
         );
@@ -452,7 +459,10 @@ impl Renderer {
         let next = camera.screen(first.x + f64::from(stride), first.y + f64::from(stride));
         let axis = |v: glam::DVec3, w: f64| v.extend(w).as_vec4().to_array();
         let (segment_shift, segment_samples) = settings.segment();
-        let texels = sizes.slots.map(|s| 1.0 / (s * sizes.brick_side) as f32);
+        let texels = sizes.texels().map(|t| 1.0 / t as f32);
+        let [x, y, z] = sizes.slot();
+        let [normal_scale, normal_zero] =
+            [NORMAL_SCALE, NORMAL_ZERO].map(|v| glam::Vec3::from(v.map(f32::from)));
         layout::Frame {
             size: [camera.width.div_ceil(stride), camera.height.div_ceil(stride)],
             tree_count,
@@ -466,7 +476,7 @@ impl Renderer {
             diffuse: settings.diffuse as f32,
             footprint: (camera.pixel_size() * bias.exp2()) as f32,
             fade: settings.fade() as f32,
-            brick_side: sizes.brick_side,
+            blocks: u32::from(sizes.blocks),
             slots: [sizes.slots[0], sizes.slots[1], sizes.slots[2], 0],
             texel: [texels[0], texels[1], texels[2], 0.0],
             brick_slots: sizes.bricks(),
@@ -476,6 +486,9 @@ impl Renderer {
             segment_shift,
             segment_samples,
             pad: [0; 2],
+            slot: [x, y, z, 0],
+            normal_scale: (255.0 / normal_scale).extend(0.0).to_array(),
+            normal_zero: (-normal_zero / normal_scale).extend(0.0).to_array(),
         }
     }
 
@@ -505,6 +518,11 @@ impl Renderer {
     /// Brick slots of the pool.
     pub fn brick_slots(&self) -> u32 {
         self.memory.sizes.bricks()
+    }
+
+    /// Whether bricks that are block-compressed on disk are not so on the device, because it cannot read them or is not to.
+    pub fn decodes_blocks(&self) -> bool {
+        self.terrain.compressed && !self.memory.sizes.blocks
     }
 
     /// Bytes held on the device.

@@ -58,6 +58,8 @@ pub struct Terrain {
     /// What the pools must hold of a sample: what the first root brick that can be read has. A scene's trees agree, else
     /// opacities against the axes are left out and the largest of them counts.
     pub layers: Layers,
+    /// Whether the scene says of all its trees that their bricks are block-compressed.
+    pub compressed: bool,
     /// Trees that could not be placed, one line each; they are left out of the graph.
     pub faults: Vec<String>,
 }
@@ -132,6 +134,7 @@ impl Terrain {
             .find_map(|name| root_layers(store.as_ref(), name))
             .unwrap_or_default();
         let coarse_trees = scene.coarse_trees().map(|c| c.tree.tree_file.clone()).collect();
+        let compressed = all_compressed(&scene.root);
         let mut opening = Opening {
             store: store.as_ref(),
             builder: SceneGraph::builder(),
@@ -153,9 +156,25 @@ impl Terrain {
             graph,
             layout,
             layers,
+            compressed,
             faults,
         })
     }
+}
+
+/// Whether every group that has trees is compressed, and there is one.
+fn all_compressed(root: &Group) -> bool {
+    let (mut groups, mut any) = (vec![root], false);
+    while let Some(group) = groups.pop() {
+        if !(group.trees.is_empty() && group.coarse.is_empty()) {
+            any = true;
+            if !group.compressed {
+                return false;
+            }
+        }
+        groups.extend(&group.groups);
+    }
+    any
 }
 
 struct Opening<'a> {
@@ -173,7 +192,7 @@ impl Opening<'_> {
         for tree in &group.trees {
             let tree_id = TreeId(self.next);
             self.next += 1;
-            if let Some(bounds) = self.place(group, tree) {
+            if let Some(bounds) = self.place(tree) {
                 let added = self.builder.add_tree(Some(id), tree_id, bounds);
                 added.map_err(|e| e.to_string())?;
             }
@@ -181,7 +200,7 @@ impl Opening<'_> {
         for coarse in &group.coarse {
             let tree_id = TreeId(self.next_coarse);
             self.next_coarse += 1;
-            if let Some(bounds) = self.place(group, &coarse.tree) {
+            if let Some(bounds) = self.place(&coarse.tree) {
                 let added = self.builder.add_coarse(id, tree_id, bounds, coarse.voxel);
                 added.map_err(|e| e.to_string())?;
             }
@@ -193,16 +212,8 @@ impl Opening<'_> {
     }
 
     /// The box of a tree of any kind, or a fault.
-    fn place(&mut self, group: &Group, tree: &PagedOctTree) -> Option<Aabb> {
-        let placed = if group.compressed {
-            Err(format!(
-                "{}: Compressed=\"YES\" is not supported by this version",
-                tree.tree_file
-            ))
-        } else {
-            self.bounds(tree)
-        };
-        placed.map_err(|fault| self.faults.push(fault)).ok()
+    fn place(&mut self, tree: &PagedOctTree) -> Option<Aabb> {
+        self.bounds(tree).map_err(|fault| self.faults.push(fault)).ok()
     }
 
     fn bounds(&self, tree: &PagedOctTree) -> Result<Aabb, String> {

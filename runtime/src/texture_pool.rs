@@ -13,7 +13,7 @@ use std::sync::Arc;
 use brickfell_culler::TreeId;
 use brickfell_formats::chunk::Layers;
 use brickfell_formats::octree::NodeData;
-use brickfell_pager::{PageKey, Pager, TreeState};
+use brickfell_pager::{ChunkPage, PageKey, Pager, TreeState};
 use brickfell_shaders::layout::{AXES, BRICK, POINTER, TERMINAL};
 
 use crate::caster::Feedback;
@@ -363,14 +363,9 @@ impl TexturePoolManager {
         Some(tile)
     }
 
-    fn add_brick(
-        &mut self,
-        node: u32,
-        chunk: Arc<brickfell_formats::chunk::Chunk>,
-        brick: u32,
-        frame: u32,
-    ) -> Option<()> {
-        if !self.can_send() || chunk.layout.side() != self.sizes.brick_side {
+    fn add_brick(&mut self, node: u32, chunk: Arc<ChunkPage>, brick: u32, frame: u32) -> Option<()> {
+        let fits = chunk.layout() == self.sizes.layout && chunk.samples().is_none() == self.sizes.blocks;
+        if !self.can_send() || !fits {
             return None;
         }
         let slot = match self.free_slots.pop() {

@@ -31,8 +31,8 @@ pub struct Frame {
     pub footprint: f32,
     /// 1: mix the two levels around the wanted one.
     pub fade: f32,
-    /// Samples of a brick slot per axis.
-    pub brick_side: u32,
+    /// 1: bricks are blocks, which hold colours, normals and opacities against the axes apart from alpha.
+    pub blocks: u32,
     /// Brick slots per axis of the brick pool; w unused.
     pub slots: [u32; 4],
     /// 1 / texels of the brick pool per axis; w unused.
@@ -51,6 +51,12 @@ pub struct Frame {
     pub segment_samples: u32,
     /// Unused.
     pub pad: [u32; 2],
+    /// Texels of a brick slot per axis; w unused.
+    pub slot: [u32; 4],
+    /// In blocks a normal is this times what the pool has, plus `normal_zero`; w unused.
+    pub normal_scale: [f32; 4],
+    /// See `normal_scale`; w unused.
+    pub normal_zero: [f32; 4],
 }
 
 /// A tree in the list; `Tree` in `frame.wgsl`.
@@ -107,7 +113,7 @@ pub struct Scatter {
     pub slots: [u32; 4],
 }
 
-const _: () = assert!(size_of::<Frame>() == 176 && size_of::<Tree>() == 112 && size_of::<Scatter>() == 32);
+const _: () = assert!(size_of::<Frame>() == 224 && size_of::<Tree>() == 112 && size_of::<Scatter>() == 32);
 
 /// Bit of a node's first word: there is no data below.
 pub const TERMINAL: u32 = 1 << 31;

@@ -86,7 +86,7 @@ mod tests {
                 diffuse,
                 footprint,
                 fade,
-                brick_side,
+                blocks,
                 slots,
                 texel,
                 brick_slots,
@@ -95,6 +95,9 @@ mod tests {
                 request_share,
                 segment_shift,
                 segment_samples,
+                slot,
+                normal_scale,
+                normal_zero,
             ]
         );
         assert_layout!(

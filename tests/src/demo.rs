@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use brickfell::build::{BuildArgs, Filter, HeightInput, Silent, build};
 use brickfell::input::demo::{DemoInput, write_demo};
 use brickfell::input::{HeightOptions, Layer, RasterCache, load_layers};
+use brickfell_formats::chunk::Encoding;
 use brickfell_formats::layout::SampleLayout;
 use glam::DVec3;
 
@@ -18,6 +19,9 @@ pub const SIZE: f64 = 64.0;
 pub const VOXEL: f64 = 0.25;
 const SEED: u64 = 3;
 
+/// Voxels per axis of trees, layout, filter, and whether bricks are block-compressed.
+type Kind = (u32, SampleLayout, Filter, bool);
+
 /// The demo terrain in a folder that this process has for itself.
 pub struct Demo {
     folder: PathBuf,
@@ -25,7 +29,7 @@ pub struct Demo {
     _lock: File,
     input: DemoInput,
     ground: Layer,
-    built: HashMap<(u32, SampleLayout, Filter), World>,
+    built: HashMap<Kind, World>,
 }
 
 impl Demo {
@@ -74,12 +78,24 @@ impl Demo {
     /// # Panics
     /// As [`Self::world`].
     pub fn filtered_world(&mut self, tree_voxels: u32, layout: SampleLayout, filter: Filter) -> World {
-        if let Some(world) = self.built.get(&(tree_voxels, layout, filter)) {
+        self.made((tree_voxels, layout, filter, false))
+    }
+
+    /// The same with block-compressed bricks.
+    ///
+    /// # Panics
+    /// As [`Self::world`].
+    pub fn compressed_world(&mut self, tree_voxels: u32, layout: SampleLayout, filter: Filter) -> World {
+        self.made((tree_voxels, layout, filter, true))
+    }
+
+    fn made(&mut self, kind: Kind) -> World {
+        if let Some(world) = self.built.get(&kind) {
             return world.clone();
         }
-        let out = self
-            .folder
-            .join(format!("{tree_voxels}-{layout:?}-{}", filter.name()));
+        let (tree_voxels, layout, filter, compressed) = kind;
+        let name = format!("{tree_voxels}-{layout:?}-{}-{compressed}", filter.name());
+        let out = self.folder.join(name);
         let mut args = BuildArgs::new(&out);
         args.inputs = self.input.meshes.clone();
         args.heights = vec![HeightInput {
@@ -90,10 +106,13 @@ impl Demo {
         args.tree_voxels = tree_voxels;
         args.layout = layout;
         args.filter = filter;
+        if compressed {
+            args.encoding = Encoding::Blocks;
+        }
         let report = build(&args, &Silent).unwrap();
         assert!(report.warnings.is_empty(), "{:?}", report.warnings);
         let world = World::open(&out);
-        self.built.insert((tree_voxels, layout, filter), world.clone());
+        self.built.insert(kind, world.clone());
         world
     }
 

@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use brickfell::holes::count_holes;
 use brickfell_culler::Camera;
+use brickfell_formats::blocks::Between;
 use brickfell_pager::{FolderStore, Store};
 use brickfell_runtime::gpu::Gpu;
 use brickfell_runtime::picture::{Picture, RayCounters};
@@ -63,8 +64,12 @@ impl World {
     pub fn new(store: Arc<dyn Store>) -> Self {
         let terrain = Terrain::open(&store).unwrap();
         assert!(terrain.faults.is_empty(), "{:?}", terrain.faults);
+        let mut reference = Reference::open(Arc::clone(&store), &terrain.scene).unwrap();
+        if terrain.compressed && gpu().info.driver == "llvmpipe" {
+            reference = reference.with_blocks(Between::Floored);
+        }
         Self {
-            reference: Arc::new(Reference::open(Arc::clone(&store), &terrain.scene).unwrap()),
+            reference: Arc::new(reference),
             store,
             trees: terrain.trees,
         }
@@ -88,10 +93,17 @@ impl World {
     /// # Panics
     /// If the device has no room.
     pub fn renderer_within(&self, gpu_budget: u64) -> Renderer {
-        let config = RendererConfig {
+        self.renderer_with(RendererConfig {
             gpu_budget,
             ..RendererConfig::default()
-        };
+        })
+    }
+
+    /// A renderer with these budgets.
+    ///
+    /// # Panics
+    /// If the device has no room.
+    pub fn renderer_with(&self, config: RendererConfig) -> Renderer {
         let terrain = Terrain::open(&self.store).unwrap();
         Renderer::new(gpu(), Arc::clone(&self.store), terrain, config).unwrap()
     }

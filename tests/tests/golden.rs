@@ -9,11 +9,12 @@ use brickfell_culler::Camera;
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::scene::{CoarseOctTree, Group, PagedOctTree};
 use brickfell_runtime::reference::Reference;
+use brickfell_runtime::renderer::{Renderer, RendererConfig};
 use brickfell_runtime::settings::RenderSettings;
 use brickfell_runtime::terrain::{Terrain, read_header};
 use brickfell_tests::demo::{Demo, SIZE};
 use brickfell_tests::exact::exactly;
-use brickfell_tests::pictures::{BOUND, SAME, assert_alike, covered};
+use brickfell_tests::pictures::{BOUND, Bound, SAME, assert_alike, covered};
 use brickfell_tests::world::{self, World, settled};
 use glam::DVec3;
 
@@ -26,6 +27,13 @@ fn demo() -> MutexGuard<'static, Demo> {
         .lock()
         .unwrap_or_else(PoisonError::into_inner)
 }
+
+/// How far pictures of bricks in blocks are from those of samples, where silhouettes of foliage are the worst.
+const LOSS: Bound = Bound {
+    near: 24.0,
+    share: 0.93,
+    worst: 255.0,
+};
 
 const PIXELS: [u32; 2] = [320, 240];
 
@@ -123,6 +131,80 @@ fn the_gpu_agrees_with_the_reference_about_opacities_against_axes() {
                 }
             }
         }
+    });
+}
+
+#[test]
+fn the_gpu_agrees_with_the_reference_about_blocks() {
+    exactly("the_gpu_agrees_with_the_reference_about_blocks", || {
+        let default = RenderSettings::default();
+        for (layout, filter) in [
+            (SampleLayout::Centre, Filter::Axes),
+            (SampleLayout::Corner, Filter::Coverage),
+        ] {
+            let (world, samples, cameras) = {
+                let mut demo = demo();
+                (
+                    demo.compressed_world(TREE, layout, filter),
+                    demo.filtered_world(TREE, layout, filter),
+                    cameras(&demo),
+                )
+            };
+            let (mut renderer, mut other) = (world.renderer(), samples.renderer());
+            assert!(!renderer.decodes_blocks(), "the device reads no blocks");
+            for (name, camera) in cameras {
+                for bias in [default.bias, 2.0] {
+                    let what = format!("{layout:?}, {name}, bias {bias}");
+                    let render = RenderSettings { bias, ..default };
+                    let picture = world.check(&what, &mut renderer, &camera, &render, BOUND);
+                    assert!(covered(&picture.gpu) > 320 * 240 / 5, "{what} shows little");
+                    // Blocks lose something, but not much.
+                    let (lossless, _) = settled(&mut other, &camera, &render);
+                    assert_alike(&what, &picture.gpu, &lossless, LOSS);
+                    assert!(picture.gpu.pixels != lossless.pixels);
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn blocks_take_a_quarter_of_the_pool_and_of_memory() {
+    exactly("blocks_take_a_quarter_of_the_pool_and_of_memory", || {
+        let (world, cameras) = {
+            let mut demo = demo();
+            (
+                demo.compressed_world(TREE, SampleLayout::Centre, Filter::Axes),
+                cameras(&demo),
+            )
+        };
+        let settings = RenderSettings::default();
+        let (_, camera) = cameras[1];
+        let small = RendererConfig {
+            gpu_budget: 8 << 20,
+            ..RendererConfig::default()
+        };
+        let mut blocks = world.renderer_with(small);
+        let mut samples = world.renderer_with(RendererConfig {
+            keep_blocks: false,
+            ..small
+        });
+        assert!(samples.decodes_blocks() && !blocks.decodes_blocks());
+        assert_eq!((blocks.brick_bytes(), samples.brick_bytes()), (2880, 12_000));
+        // Each has a stamp, two node tiles and theirs.
+        assert!(blocks.brick_slots() > samples.brick_slots() * 7 / 2);
+        // In pools that are large enough both show the same but for what is mixed before it is multiplied with alpha.
+        for config in [&mut blocks, &mut samples] {
+            *config = world.renderer_with(RendererConfig {
+                keep_blocks: !config.decodes_blocks(),
+                ..RendererConfig::default()
+            });
+        }
+        let (kept, _) = settled(&mut blocks, &camera, &settings);
+        let (decoded, _) = settled(&mut samples, &camera, &settings);
+        assert_alike("kept and decoded", &kept, &decoded, LOSS);
+        let held = |renderer: &Renderer| renderer.pager_stats().resident_bytes;
+        assert!(held(&blocks) * 3 < held(&samples));
     });
 }
 

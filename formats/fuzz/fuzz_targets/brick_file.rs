@@ -1,8 +1,9 @@
-//! Any bytes, sealed with right checksums, as a brick file: no panic, and chunks that are read round-trip.
+//! Any bytes, sealed with right checksums, as a brick file: no panic, and chunks that are read round-trip, as far as their encoding
+//! has no loss.
 #![no_main]
 
 use brickfell_formats::bricks;
-use brickfell_formats::chunk::Chunk;
+use brickfell_formats::chunk::{Chunk, Encoding};
 use libfuzzer_sys::fuzz_target;
 
 /// Gives the file its magic, version, known layers and encoding, and checksums, with the directory at its end.
@@ -14,7 +15,7 @@ fn seal(file: &mut [u8]) {
     file[..8].copy_from_slice(&bricks::MAGIC);
     file[8..12].copy_from_slice(&bricks::VERSION.to_le_bytes());
     file[15] = if file[15] & 1 == 0 { 0b11 } else { 0b111 };
-    file[16] = if file[16] & 1 == 0 { 4 } else { 0 };
+    file[16] = [0, 4, 5][usize::from(file[16]) % 3];
     file[17..20].fill(0);
     file[40..60].fill(0);
     let chunks = usize::from(file[20] % 8).min((len - bricks::HEADER_BYTES) / bricks::ENTRY_BYTES);
@@ -61,7 +62,15 @@ fn read(file: &[u8]) {
             let again = chunk
                 .encode(header.encoding)
                 .expect("a chunk that was read is consistent");
-            assert_eq!(decode(&index, k, &again), Some(chunk));
+            let again = decode(&index, k, &again).expect("what was written is read");
+            match header.encoding {
+                // Blocks lose something each time they are made, but not whether there is anything.
+                Encoding::Blocks => {
+                    let is_empty = |chunk: &Chunk| chunk.color.iter().map(|c| c[3] == 0).collect::<Vec<_>>();
+                    assert_eq!(is_empty(&again), is_empty(&chunk));
+                }
+                _ => assert_eq!(again, chunk),
+            }
         }
         assert_eq!(index.locate(entry.first_brick), Some((k as u32, 0)));
     }

@@ -84,6 +84,7 @@ fn every_flipped_bit_and_every_cut_of_an_octree_file_is_an_error() {
 #[test]
 fn every_flipped_bit_and_every_cut_of_a_brick_file_is_an_error() {
     every_damage_is_an_error(&small_bricks(Encoding::Packed), read_bricks);
+    every_damage_is_an_error(&small_bricks(Encoding::Blocks), read_bricks);
     every_damage_is_an_error(&brick_file(0, 2, Encoding::Plain, &[]), read_bricks);
 }
 
@@ -141,7 +142,7 @@ fn codes_of_later_versions_are_errors() {
         (16, 1, "encoding 1 is unknown"),
         (16, 2, "encoding 2 is unknown"),
         (16, 3, "encoding 3 is unknown"),
-        (16, 5, "encoding 5 is unknown"),
+        (16, 6, "encoding 6 is unknown"),
         (17, 1, "unused bytes are not zero"),
         (59, 1, "unused bytes are not zero"),
         (20, 2, "the directory ends at byte"),

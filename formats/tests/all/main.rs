@@ -1,5 +1,6 @@
 //! Tests of the formats through their public interface, one program: what they share is compiled once.
 
+mod blocks;
 mod bricks;
 mod common;
 mod damage;

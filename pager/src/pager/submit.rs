@@ -120,7 +120,8 @@ impl Pager {
             }
             PageKey::Chunk { level, chunk, .. } => {
                 let bricks = state.level(level).and_then(|page| page.bricks.as_ref());
-                bricks.and_then(|b| Some(chunk_estimate(b.chunks.get(chunk as usize)?, &b.header)))
+                let keep = self.config.keep_blocks;
+                bricks.and_then(|b| Some(chunk_estimate(b.chunks.get(chunk as usize)?, &b.header, keep)))
             }
         };
         bytes.unwrap_or(ROOT_ESTIMATE)

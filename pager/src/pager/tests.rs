@@ -1,6 +1,7 @@
 //! The pager against a small terrain in memory, with faults.
 
 mod ahead;
+mod blocks;
 mod budget;
 mod faults;
 mod order;

@@ -36,6 +36,7 @@ use std::sync::Arc;
 
 use brickfell_culler::Camera;
 use brickfell_formats::FormatError;
+use brickfell_formats::blocks::Between;
 use brickfell_formats::scene;
 use brickfell_pager::store::Store;
 use glam::DVec3;
@@ -128,6 +129,15 @@ impl Reference {
             root: Group::flat(trees.len()),
             trees,
         })
+    }
+
+    /// The same with the values between the end points of blocks as a device makes them, to be compared with it. To be called before
+    /// anything is drawn.
+    pub fn with_blocks(mut self, between: Between) -> Self {
+        for tree in &mut self.trees {
+            tree.between = between;
+        }
+        self
     }
 
     /// Draws a picture of the camera's size.

@@ -5,6 +5,7 @@
 
 use std::sync::LazyLock;
 
+use brickfell_formats::blocks::{NORMAL_SCALE, NORMAL_ZERO, Texels};
 use brickfell_formats::layout::{BRICK_VOXELS, SampleLayout};
 use brickfell_formats::octree::NodeData;
 use brickfell_formats::value::{decode_color, decode_normal, srgb_to_linear_f64};
@@ -59,13 +60,73 @@ impl Value {
 
 /// The samples of one brick, x fastest.
 #[derive(Clone, Copy)]
+pub(super) enum Samples<'a> {
+    /// As they are stored, each multiplied with its own alpha.
+    Stored {
+        /// Stored colours.
+        color: &'a [[u8; 4]],
+        /// Stored normals.
+        normal: &'a [[i8; 4]],
+        /// Stored opacities against the axes, if there are any.
+        opacity: Option<&'a [[u8; 4]]>,
+    },
+    /// Of a brick in blocks, to be multiplied with alpha once they are filtered.
+    Looks(&'a Texels),
+}
+
+impl Samples<'_> {
+    fn alpha(&self, at: usize) -> u8 {
+        match self {
+            Self::Stored { color, .. } => color[at][3],
+            Self::Looks(texels) => texels.color[at][3],
+        }
+    }
+
+    fn has_axes(&self) -> bool {
+        match self {
+            Self::Stored { opacity, .. } => opacity.is_some(),
+            Self::Looks(texels) => !texels.share.is_empty(),
+        }
+    }
+
+    /// One sample, decoded.
+    fn value(&self, at: usize) -> Value {
+        let (rgb, normal, axes) = match *self {
+            Self::Stored {
+                color,
+                normal,
+                opacity,
+            } => {
+                let ([r, g, b, _], [x, y, z, _]) = (color[at], normal[at]);
+                let axes = opacity.map(|o| {
+                    let [x, y, z, _] = o[at];
+                    [x, y, z]
+                });
+                let normal = [x, y, z].map(|c| NORMAL[usize::from(c as u8)]);
+                ([r, g, b], normal, axes)
+            }
+            Self::Looks(texels) => {
+                let ([r, g, b, _], codes) = (texels.color[at], texels.normal[at]);
+                let normal = std::array::from_fn(|k| {
+                    (f64::from(codes[k]) - f64::from(NORMAL_ZERO[k])) / f64::from(NORMAL_SCALE[k])
+                });
+                ([r, g, b], normal, texels.share.get(at).copied())
+            }
+        };
+        Value {
+            rgb: DVec3::from(rgb.map(|c| LINEAR[usize::from(c)])),
+            alpha: f64::from(self.alpha(at)) / 255.0,
+            normal: DVec3::from(normal),
+            axes: axes.map(|a| DVec3::from(a.map(f64::from)) / 255.0),
+        }
+    }
+}
+
+/// A brick.
+#[derive(Clone, Copy)]
 pub(super) struct Brick<'a> {
-    /// Stored colours.
-    pub(super) color: &'a [[u8; 4]],
-    /// Stored normals.
-    pub(super) normal: &'a [[i8; 4]],
-    /// Stored opacities against the axes, if there are any.
-    pub(super) opacity: Option<&'a [[u8; 4]]>,
+    /// Its samples.
+    pub(super) samples: Samples<'a>,
     /// Where the samples lie.
     pub(super) layout: SampleLayout,
 }
@@ -84,11 +145,10 @@ impl Brick<'_> {
         *reads += 1;
         let corners: [usize; 8] =
             std::array::from_fn(|k| first + (k & 1) + (k >> 1 & 1) * side + (k >> 2) * side * side);
-        if corners.iter().all(|c| self.color[*c][3] == 0) {
+        if corners.iter().all(|c| self.samples.alpha(*c) == 0) {
             return Value::EMPTY;
         }
-        *reads += 1 + u64::from(self.opacity.is_some());
-        let (linear, codes) = (&*LINEAR, &*NORMAL);
+        *reads += 1 + u64::from(self.samples.has_axes());
         let mut out = Value::EMPTY;
         for (k, corner) in corners.into_iter().enumerate() {
             let pick = |axis: usize| {
@@ -99,18 +159,18 @@ impl Brick<'_> {
                 }
             };
             let weight = pick(0) * pick(1) * pick(2);
-            let [r, g, b, a] = self.color[corner];
-            let [nx, ny, nz, _] = self.normal[corner];
-            let color = [r, g, b].map(|c| linear[usize::from(c)]);
-            let normal = [nx, ny, nz].map(|c| codes[usize::from(c as u8)]);
-            out.rgb += DVec3::from(color) * weight;
-            out.normal += DVec3::from(normal) * weight;
-            out.alpha += f64::from(a) / 255.0 * weight;
-            if let Some(opacity) = self.opacity {
-                let [x, y, z, _] = opacity[corner];
-                let axes = DVec3::from([x, y, z].map(f64::from)) / 255.0;
+            let sample = self.samples.value(corner);
+            out.rgb += sample.rgb * weight;
+            out.normal += sample.normal * weight;
+            out.alpha += sample.alpha * weight;
+            if let Some(axes) = sample.axes {
                 out.axes = Some(out.axes.unwrap_or_default() + axes * weight);
             }
+        }
+        if let Samples::Looks(_) = self.samples {
+            out.rgb *= out.alpha;
+            out.normal *= (2.0 * out.alpha).min(1.0);
+            out.axes = out.axes.map(|axes| axes * out.alpha);
         }
         out
     }

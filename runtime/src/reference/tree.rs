@@ -6,8 +6,9 @@
 
 use std::sync::{Arc, OnceLock};
 
+use brickfell_formats::blocks::{Between, Texels};
 use brickfell_formats::bricks::{self, BrickIndex, HEADER_BYTES, brick_file_name};
-use brickfell_formats::chunk::Chunk;
+use brickfell_formats::chunk::{Chunk, Encoding};
 use brickfell_formats::octree::{Node, TreeHeader};
 use brickfell_formats::octree_binary::{self, OctreeIndex};
 use brickfell_formats::{FormatError, octree_xml};
@@ -15,7 +16,7 @@ use brickfell_pager::store::Store;
 use glam::DVec3;
 
 use super::ReferenceError;
-use super::sampling::Brick;
+use super::sampling::{Brick, Samples};
 
 type Once<T> = OnceLock<Result<T, ReferenceError>>;
 
@@ -32,6 +33,8 @@ pub(super) struct Tree {
     pub(super) header: TreeHeader,
     /// Where it is drawn, world metres.
     pub(super) bounds: [DVec3; 2],
+    /// How blocks are read.
+    pub(super) between: Between,
     /// Table of the binary file; an XML file has none and is read whole.
     index: Option<OctreeIndex>,
     levels: Vec<Once<Vec<Node>>>,
@@ -42,7 +45,14 @@ pub(super) struct Tree {
 struct BrickFile {
     name: String,
     index: BrickIndex,
-    chunks: Vec<Once<Chunk>>,
+    chunks: Vec<Once<Bricks>>,
+}
+
+/// The bricks of a chunk.
+enum Bricks {
+    Samples(Chunk),
+    /// Of each brick in blocks what they say.
+    Blocks(Vec<Texels>),
 }
 
 impl Tree {
@@ -78,6 +88,7 @@ impl Tree {
             store,
             name: name.to_owned(),
             bounds: bounds.unwrap_or(header.bounds()),
+            between: Between::default(),
             header,
             index,
             levels,
@@ -126,16 +137,30 @@ impl Tree {
             .ok_or_else(missing)?;
         let chunk = once(cell, || {
             let bytes = read(&*self.store, &file.name, entry.offset, u64::from(entry.length))?;
-            file.index
-                .decode_chunk(chunk, &bytes)
-                .map_err(|e| self.fault(&file.name, e))
+            let bricks = match file.index.header.encoding {
+                Encoding::Blocks => file.index.block_chunk(chunk, bytes).map(|chunk| {
+                    let texels = (0..chunk.bricks()).map(|k| chunk.texels(k, self.between));
+                    Bricks::Blocks(texels.collect())
+                }),
+                _ => file.index.decode_chunk(chunk, &bytes).map(Bricks::Samples),
+            };
+            bricks.map_err(|e| self.fault(&file.name, e))
         })?;
-        Ok(Brick {
-            color: chunk.brick_color(place as usize),
-            normal: chunk.brick_normal(place as usize),
-            opacity: chunk.brick_opacity(place as usize),
-            layout: chunk.layout,
-        })
+        let (place, layout) = (place as usize, self.header.layout);
+        match chunk {
+            Bricks::Samples(chunk) => Ok(Brick {
+                samples: Samples::Stored {
+                    color: chunk.brick_color(place),
+                    normal: chunk.brick_normal(place),
+                    opacity: chunk.brick_opacity(place),
+                },
+                layout,
+            }),
+            Bricks::Blocks(bricks) => Ok(Brick {
+                samples: Samples::Looks(bricks.get(place).ok_or_else(missing)?),
+                layout,
+            }),
+        }
     }
 
     fn fault(&self, name: &str, error: FormatError) -> ReferenceError {

@@ -14,7 +14,8 @@ use flight::{DEPTH, Flight, TREES};
 fn sizes(slots: [u32; 3], tiles: u32) -> PoolSizes {
     PoolSizes {
         layers: Default::default(),
-        brick_side: 9,
+        layout: brickfell_formats::layout::SampleLayout::Corner,
+        blocks: false,
         slots,
         tiles,
     }

@@ -69,7 +69,7 @@ fn convert(word: vec2<u32>, local: vec3<f32>, texel_offset: f32, gain: f32, s: f
         let cell = vec3(slot % frame.slots.x, slot / frame.slots.x % frame.slots.y, slot / (frame.slots.x * frame.slots.y));
         // Rounded before the slot's offset is added: a brick gives the same bits in every slot.
         let rounded = floor(local * 256.0 + 0.5) / 256.0;
-        let uvw = (vec3<f32>(cell * frame.brick_side) + (rounded + texel_offset)) * frame.texel.xyz;
+        let uvw = (vec3<f32>(cell * frame.slot.xyz) + (rounded + texel_offset)) * frame.texel.xyz;
         stored = textureSampleLevel(brick_color, linear_sampler, uvw, 0.0);
         texture_reads += 1u;
         if (stored.a > 0.0) {
@@ -78,6 +78,11 @@ fn convert(word: vec2<u32>, local: vec3<f32>, texel_offset: f32, gain: f32, s: f
             if (axes) {
                 texture_reads += 1u;
                 opacities = textureSampleLevel(brick_opacity, linear_sampler, uvw, 0.0).xyz;
+            }
+            if (frame.blocks != 0u) {
+                stored = vec4(stored.rgb * stored.a, stored.a);
+                normal = (normal * frame.normal_scale.xyz + frame.normal_zero.xyz) * min(1.0, 2.0 * stored.a);
+                opacities *= stored.a;
             }
         }
     }

@@ -22,8 +22,8 @@ struct Frame {
     footprint: f32,
     // Part of a level over which it fades into the next, 0..1; 0: the nearest level alone.
     fade: f32,
-    // Samples of a brick slot per axis.
-    brick_side: u32,
+    // 1: bricks are blocks, which hold colours, normals and opacities against the axes apart from alpha.
+    blocks: u32,
     // Brick slots per axis of the brick pool; w unused.
     slots: vec4<u32>,
     // 1 / texels of the brick pool per axis; w unused.
@@ -40,6 +40,11 @@ struct Frame {
     segment_samples: u32,
     pad0: u32,
     pad1: u32,
+    // Texels of a brick slot per axis; w unused.
+    slot: vec4<u32>,
+    // In blocks a normal is normal_scale times what the pool has, plus normal_zero; w unused.
+    normal_scale: vec4<f32>,
+    normal_zero: vec4<f32>,
 }
 
 struct Tree {

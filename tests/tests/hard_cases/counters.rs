@@ -42,7 +42,7 @@ fn pixels_that_are_not_finite_are_counted() {
 /// Casts 8×8 rays through one tree of a single empty brick, of which the record may be changed.
 fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
     let gpu = world::gpu();
-    let sizes = PoolSizes::fit(1 << 20, Centre, Layers::Plain, &gpu.device.limits()).unwrap();
+    let sizes = PoolSizes::fit(1 << 20, Centre, Layers::Plain, false, &gpu.device.limits()).unwrap();
     let mut memory = PoolMemory::new(&gpu, sizes).unwrap();
     let mut caster = Caster::new(&gpu, &memory).unwrap();
     caster.resize(&gpu, &memory, 8, 8).unwrap();
@@ -57,7 +57,6 @@ fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
         up: [0.0, 0.0, 1.0, 0.0],
         footprint: 1e-3,
         fade: 1.0,
-        brick_side: sizes.brick_side,
         slots: [sizes.slots[0], sizes.slots[1], sizes.slots[2], 0],
         texel: [0.0; 4],
         brick_slots: sizes.bricks(),
@@ -65,6 +64,7 @@ fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
         request_capacity: REQUEST_CAPACITY,
         request_share: 1,
         segment_samples: 1,
+        slot: [10, 10, 10, 0],
         ..Default::default()
     };
     // Eight voxels of a metre, from 1 m before the eye.

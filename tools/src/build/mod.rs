@@ -398,7 +398,9 @@ fn build_from(
         .find_map(|l| l.map.world_system().map(str::to_string));
     manifest::write_whole(
         &args.out.join(SCENE),
-        scene::scene(trees, coarse, crs).to_xml().as_bytes(),
+        scene::scene(trees, coarse, crs, args.encoding == Encoding::Blocks)
+            .to_xml()
+            .as_bytes(),
     )?;
     manifest::remove_scratch(&args.out)?;
     progress.finish();

@@ -24,8 +24,14 @@ pub(crate) struct SceneGroup {
     pub(crate) bounds: Bounds,
 }
 
-/// The scene of all trees; coarse trees come lowest groups first.
-pub(crate) fn scene(mut trees: Vec<SceneTree>, coarse: Vec<SceneGroup>, crs: Option<String>) -> Scene {
+/// The scene of all trees; coarse trees come lowest groups first. `compressed`: bricks are in blocks.
+pub(crate) fn scene(
+    mut trees: Vec<SceneTree>,
+    coarse: Vec<SceneGroup>,
+    crs: Option<String>,
+    compressed: bool,
+) -> Scene {
+    let finished = |group| finished(group, compressed);
     trees.sort_by_key(|t| t.column);
     // Groups of one height by column; at height 0 those of a single column of trees.
     let mut groups: BTreeMap<(i64, i64), Group> = BTreeMap::new();
@@ -64,7 +70,7 @@ pub(crate) fn scene(mut trees: Vec<SceneTree>, coarse: Vec<SceneGroup>, crs: Opt
 }
 
 /// A group with what is to be said of all that is in it.
-fn finished(group: Group) -> Group {
+fn finished(group: Group, compressed: bool) -> Group {
     let trees = group.trees.iter().chain(group.coarse.iter().map(|c| &c.tree));
     let inside = trees
         .filter_map(|t| t.bounds)
@@ -74,6 +80,7 @@ fn finished(group: Group) -> Group {
         max: a.max.max(b.max),
     });
     Group {
+        compressed,
         brick_size: Some([8; 3]),
         bounds,
         ..group

@@ -112,7 +112,7 @@ fn check(store: &FolderStore, scene: &Scene, bar: &ProgressBar) -> Report {
 
     check_names(store, &files, &mut report);
     check_layouts(store, &trees, &mut report);
-    check_groups(store, &scene.root, &mut report);
+    check_groups(store, &scene.root, &trees, &mut report);
     let mut named = BTreeMap::new();
     for reference in all() {
         let Some(tree) = trees.get(reference.tree_file.as_str()) else {
@@ -158,13 +158,21 @@ fn check_layouts(store: &dyn Store, trees: &BTreeMap<&str, TreeReport>, report: 
     }
 }
 
-/// Groups: what the program cannot draw, and boxes that do not hold what is in them.
-fn check_groups(store: &dyn Store, root: &Group, report: &mut Report) {
+/// Groups: how they say that bricks are stored, and boxes that do not hold what is in them.
+fn check_groups(store: &dyn Store, root: &Group, trees: &BTreeMap<&str, TreeReport>, report: &mut Report) {
     let mut groups = vec![root];
     while let Some(group) = groups.pop() {
-        if group.compressed {
-            let what = "file: Compressed=\"YES\" is not supported by this version";
-            report.faults.push(located(store, SCENE_FILE, what));
+        let own = group.trees.iter().chain(group.coarse.iter().map(|c| &c.tree));
+        let own = own.filter_map(|t| trees.get(t.tree_file.as_str()));
+        for (file, blocks) in own.flat_map(|t| &t.files) {
+            if *blocks != group.compressed {
+                let (are, says) = match blocks {
+                    true => ("are block-compressed", "NO"),
+                    false => ("are not block-compressed", "YES"),
+                };
+                let what = format!("byte 16: its bricks {are}, but the scene says Compressed=\"{says}\"");
+                report.faults.push(located(store, file, what));
+            }
         }
         let inside = group.trees.iter().filter_map(|t| t.bounds);
         let inside = inside.chain(group.coarse.iter().filter_map(|c| c.tree.bounds));

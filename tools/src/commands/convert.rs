@@ -1,7 +1,8 @@
 //! `brickfell convert`: a database in other clothes: octrees as XML or binary, bricks in other chunks or encoded otherwise, or one
 //! level as a file for other programs.
 //!
-//! Nothing is lost between databases, unless an error is allowed: octrees and samples are the same, bit for bit.
+//! Nothing is lost between databases, unless an error is allowed: octrees and samples are the same, bit for bit. Of block-compressed
+//! ones none can be made, only files for other programs.
 
 mod export;
 mod recode;
@@ -10,6 +11,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use brickfell_formats::chunk::Encoding;
+use brickfell_formats::scene::Group;
 use brickfell_formats::steps::Steps;
 use clap::ValueEnum;
 use indicatif::HumanCount;
@@ -72,10 +74,15 @@ impl From<Coding> for Encoding {
     }
 }
 
+/// Whether any group says that its bricks are in blocks.
+pub(super) fn is_compressed(group: &Group) -> bool {
+    group.compressed || group.groups.iter().any(is_compressed)
+}
+
 /// Runs the command.
 ///
 /// # Errors
-/// A database that cannot be read, a place that cannot be written to.
+/// A database that cannot be read or is block-compressed, a place that cannot be written to.
 pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     let (store, scene) = open_scene(&args.dir)?;
     let names: Vec<&str> = scene.trees().map(|t| t.tree_file.as_str()).collect();
@@ -95,6 +102,15 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
                 return Err(CommandError::new(
                     format!("{}: exists", args.out.display()),
                     "give a folder that does not",
+                ));
+            }
+            if is_compressed(&scene.root) {
+                return Err(CommandError::new(
+                    format!(
+                        "{}: bricks are block-compressed: what that lost does not come back",
+                        args.dir.display()
+                    ),
+                    "`brickfell build` without --compress writes a database that can be converted",
                 ));
             }
             let coarse = scene.coarse_trees().map(|c| c.tree.tree_file.as_str());

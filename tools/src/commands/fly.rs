@@ -17,7 +17,7 @@ use glam::DVec3;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::view_args::ViewArgs;
-use super::{CommandError, open_gpu, open_terrain};
+use super::{CommandError, open_gpu, open_terrain, tell_of_blocks};
 use crate::flight::Flight;
 use crate::holes::count_holes;
 use crate::picture_file::{Image, over_sky, save_overview};
@@ -112,6 +112,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         None => None,
     };
     let renderer = Renderer::new(open_gpu()?, Arc::clone(&store), terrain, args.view.config())?;
+    tell_of_blocks(&renderer);
     let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} frames, {eta} left");
     let bar = ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     let mut flying = Flying {

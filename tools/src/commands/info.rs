@@ -16,6 +16,7 @@ use indicatif::{HumanBytes, HumanCount};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::convert::is_compressed;
 use super::database::{folder_bytes, located, open_scene, print, read_octree};
 use super::{CommandError, open_terrain};
 
@@ -25,7 +26,7 @@ pub struct Args {
     /// Folder of the database: the one that holds scene.xml; with `--graph` also `procedural:SEED`
     #[arg(value_name = "DIR")]
     pub dir: PathBuf,
-    /// Print JSON: trees, coarse_trees, coarse_bytes, levels, bricks, voxels, bytes, bytes_per_level, bytes_per_voxel, voxel_size, bounds, crs
+    /// Print JSON: trees, coarse_trees, coarse_bytes, levels, bricks, voxels, bytes, bytes_per_level, bytes_per_voxel, voxel_size, bounds, compressed, crs
     #[arg(long)]
     pub json: bool,
     /// Print the scene graph instead: groups and trees with their boxes, as they nest
@@ -79,6 +80,8 @@ pub struct Info {
     pub voxel_size: Option<f64>,
     /// Box of the surface voxels, world metres; where no tree states any (hand-written ones), box of the trees.
     pub bounds: Option<WorldBox>,
+    /// Whether the scene says that bricks are block-compressed.
+    pub compressed: bool,
     /// Coordinate reference system, as the inputs named it.
     pub crs: Option<String>,
 }
@@ -167,6 +170,7 @@ fn inspect(args: &Args) -> Result<Info, CommandError> {
         bytes_per_voxel: (voxels > 0).then(|| bytes as f64 / voxels as f64),
         voxel_size: trees.iter().map(|t| t.voxel_size).reduce(f64::min),
         bounds: bounds.map(WorldBox::of),
+        compressed: is_compressed(&scene.root),
         crs: scene.crs,
     })
 }
@@ -251,6 +255,7 @@ fn describe(info: &Info) -> String {
         let point = |p: [f64; 3]| p.map(|v| v.to_string()).join(", ");
         line("bounds", format!("({}) to ({}) m", point(min), point(max)));
     }
+    line("compressed", if info.compressed { "yes" } else { "no" }.into());
     line("crs", info.crs.clone().unwrap_or_else(|| "none stated".into()));
     text
 }

@@ -24,6 +24,7 @@ use std::sync::Arc;
 use brickfell_pager::{FolderStore, ProceduralConfig, ProceduralStore, Store};
 use brickfell_runtime::error::RuntimeError;
 use brickfell_runtime::gpu::Gpu;
+use brickfell_runtime::renderer::Renderer;
 use brickfell_runtime::terrain::Terrain;
 
 /// What the program prints when a command fails.
@@ -94,4 +95,14 @@ pub fn open_gpu() -> Result<Arc<Gpu>, CommandError> {
         ),
         _ => e.into(),
     })
+}
+
+/// Says so where block-compressed bricks are drawn as samples.
+pub fn tell_of_blocks(renderer: &Renderer) {
+    if renderer.decodes_blocks() {
+        eprintln!(
+            "note: {} reads no block-compressed 3D textures; bricks are decoded to samples",
+            renderer.gpu().info.name
+        );
+    }
 }

@@ -12,7 +12,7 @@ use glam::DVec3;
 
 use super::input_args::InputArgs;
 use super::view_args::{ViewArgs, parse_point};
-use super::{CommandError, open_gpu, open_terrain};
+use super::{CommandError, open_gpu, open_terrain, tell_of_blocks};
 use crate::picture_file::over_sky;
 use crate::truth::{Bottom, Truth};
 
@@ -93,6 +93,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         )
     } else {
         let mut renderer = Renderer::new(open_gpu()?, store, terrain, args.view.config())?;
+        tell_of_blocks(&renderer);
         renderer.settle(&camera, &settings)?;
         (renderer.read_picture()?, renderer.faults().to_vec())
     };

@@ -27,6 +27,7 @@ fn the_figures_are_those_of_the_files() {
         "bytes_per_voxel",
         "coarse_bytes",
         "coarse_trees",
+        "compressed",
         "crs",
         "levels",
         "trees",

@@ -12,6 +12,7 @@ mod build;
 mod check;
 mod common;
 mod compare;
+mod compress;
 mod convert;
 mod fly;
 mod info;

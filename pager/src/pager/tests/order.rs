@@ -33,7 +33,7 @@ fn a_tree_comes_back_as_it_was_written() {
         let PageKey::Chunk { tree, level, chunk } = *key else {
             unreachable!()
         };
-        let samples = flight.pager.chunk(tree, level, chunk).unwrap();
+        let samples = flight.pager.chunk(tree, level, chunk).unwrap().samples().unwrap();
         assert!(samples.color.iter().all(|c| *c == color(0, level, chunk)));
     }
     assert!(flight.pager.chunk(TreeId(0), 4, 64).is_none());
@@ -83,7 +83,13 @@ fn an_xml_octree_is_loaded_as_a_whole() {
     assert_eq!(state.find(3, UVec3::new(7, 7, 0)).stop, Stop::Reached);
     assert_eq!(flight.settle(&[(chunk(0, 3, 5), 0.0)]), [chunk(0, 3, 5)]);
     assert_eq!(
-        flight.pager.chunk(TreeId(0), 3, 5).unwrap().color[0],
+        flight
+            .pager
+            .chunk(TreeId(0), 3, 5)
+            .unwrap()
+            .samples()
+            .unwrap()
+            .color[0],
         color(7, 3, 5)
     );
 }

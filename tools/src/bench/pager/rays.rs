@@ -252,7 +252,8 @@ impl Ray<'_> {
                         chunk: number,
                     };
                     look.pages.entry(key).or_insert(priority(level, tree.order));
-                    match self.pager.chunk(tree.tree, level, number) {
+                    let chunk = self.pager.chunk(tree.tree, level, number);
+                    match chunk.and_then(|page| page.samples()) {
                         Some(chunk) => (shown, is_sharp) = ((level, Shown::Brick(chunk, local)), true),
                         None => is_sharp = self.pager.is_failed(key),
                     }

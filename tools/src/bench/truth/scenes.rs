@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use brickfell_culler::Camera;
+use brickfell_formats::chunk::Encoding;
 use brickfell_formats::layout::SampleLayout;
 use brickfell_pager::{FolderStore, Store};
 use brickfell_runtime::settings::RenderSettings;
@@ -221,7 +222,7 @@ impl Scene {
         Ok(views)
     }
 
-    /// The scene built with other filters and the other layout; nothing for a database that is only given.
+    /// The scene built with other filters, the other layout, and block-compressed; nothing for a database that is only given.
     pub(super) fn variants(&self, settings: &Settings<'_>) -> Result<Vec<Variant>, CommandError> {
         let Some(input) = &self.source else {
             return Ok(Vec::new());
@@ -239,11 +240,16 @@ impl Scene {
         let layout = variant(format!("layout {other:?}").to_lowercase(), &|args| {
             args.layout = other
         });
+        let compressed = variant("compressed".into(), &|args| args.encoding = Encoding::Blocks);
         let filters = (Filter::value_variants().iter())
             // Ground has no skins for a filter to judge.
             .filter(|filter| **filter != Filter::default() && !input.meshes.is_empty())
             .map(|filter| variant(format!("filter {}", filter.name()), &|args| args.filter = *filter));
         let errors = ERRORS.map(|error| variant(format!("error {error}"), &|args| args.error = error));
-        std::iter::once(layout).chain(filters).chain(errors).collect()
+        [layout, compressed]
+            .into_iter()
+            .chain(filters)
+            .chain(errors)
+            .collect()
     }
 }

@@ -3,7 +3,7 @@
 //! Chunks are read in parallel; of each only the fingerprints of its seams are kept.
 
 use brickfell_formats::bricks::{BrickIndex, ChunkEntry, HEADER_BYTES, decode_header};
-use brickfell_formats::chunk::Chunk;
+use brickfell_formats::chunk::{Chunk, Encoding};
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::morton;
 use brickfell_pager::Store;
@@ -27,39 +27,58 @@ pub(crate) struct Level<'a> {
     pub(crate) bricks: Vec<u64>,
 }
 
-/// Checks a level: the number of chunks that decode, and the faults.
-pub(super) fn check_level(level: &Level, bar: &ProgressBar) -> (u64, Vec<String>) {
+/// What was found out about a level.
+#[derive(Debug, Default)]
+pub(super) struct LevelReport {
+    /// Chunks that decode.
+    pub(super) chunks: u64,
+    /// Whether the file is in blocks, if it can be read.
+    pub(super) blocks: Option<bool>,
+    /// Lines.
+    pub(super) faults: Vec<String>,
+}
+
+/// Checks a level.
+pub(super) fn check_level(level: &Level, bar: &ProgressBar) -> LevelReport {
+    let mut report = LevelReport::default();
     let index = match level.index() {
         Ok(index) => index,
-        Err(fault) => return (0, vec![fault]),
+        Err(fault) => {
+            report.faults.push(fault);
+            return report;
+        }
     };
+    let blocks = index.header.encoding == Encoding::Blocks;
+    report.blocks = Some(blocks);
     bar.inc(HEADER_BYTES as u64 + (index.header.directory().end - index.header.directory().start));
     if let Err(fault) = level.check_masks(&index) {
-        return (0, vec![fault]);
+        report.faults.push(fault);
+        return report;
     }
     let numbers: Vec<u32> = (0..index.header.chunks).collect();
     let chunks: Vec<Result<Vec<Seam>, String>> = numbers
         .par_iter()
         .map(|chunk| level.chunk(&index, *chunk, bar))
         .collect();
-    let (mut decoded, mut faults, mut all) = (0, Vec::new(), Vec::new());
+    let mut all = Vec::new();
     for chunk in chunks {
         match chunk {
             Ok(seams) => {
-                decoded += 1;
+                report.chunks += 1;
                 all.extend(seams);
             }
-            Err(fault) => faults.push(fault),
+            Err(fault) => report.faults.push(fault),
         }
     }
-    let (pairs, first) = disagreements(all);
+    // In blocks each brick has samples of its own, a little different at every seam.
+    let (pairs, first) = if blocks { (0, None) } else { disagreements(all) };
     if let Some((a, b)) = first {
-        faults.push(level.fault(format_args!(
+        report.faults.push(level.fault(format_args!(
             "file: {pairs} pairs of neighbouring bricks in different chunks disagree about samples that they share, \
              first {a} and {b}"
         )));
     }
-    (decoded, faults)
+    report
 }
 
 impl Level<'_> {

@@ -23,6 +23,8 @@ pub(super) struct TreeReport {
     pub(super) bricks: u64,
     /// Chunks that were decoded.
     pub(super) chunks: u64,
+    /// The brick files that can be read, and whether they are in blocks.
+    pub(super) files: Vec<(String, bool)>,
 }
 
 /// Reads everything that belongs to the tree in an octree file.
@@ -57,9 +59,12 @@ pub(super) fn check(store: &dyn Store, name: &str, bar: &ProgressBar) -> TreeRep
                 layout: octree.header.layout,
                 bricks,
             };
-            let (chunks, faults) = check_level(&level, bar);
-            report.chunks += chunks;
-            report.faults.extend(faults);
+            let checked = check_level(&level, bar);
+            report.chunks += checked.chunks;
+            report.faults.extend(checked.faults);
+            report
+                .files
+                .extend(checked.blocks.map(|blocks| (level.file, blocks)));
         }
         positions = child_positions(nodes, &positions);
     }
