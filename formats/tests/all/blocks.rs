@@ -12,9 +12,9 @@ use glam::UVec3;
 use proptest::prelude::*;
 
 fn coded(chunk: &Chunk) -> Chunk {
-    let payload = chunk.encode(Encoding::Blocks).unwrap();
+    let payload = chunk.encode(Encoding::Blocks).expect("a valid chunk");
     let (mask, layout, layers) = (chunk.mask, chunk.layout, chunk.layers());
-    Chunk::decode(&payload, mask, layout, layers, Encoding::Blocks).unwrap()
+    Chunk::decode(&payload, mask, layout, layers, Encoding::Blocks).expect("a payload that was just written")
 }
 
 /// A surface as builders store it: nothing above it, skin, then ground, in colours along a line.

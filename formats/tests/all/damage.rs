@@ -84,7 +84,8 @@ fn every_flipped_bit_and_every_cut_of_an_octree_file_is_an_error() {
 #[test]
 fn every_flipped_bit_and_every_cut_of_a_brick_file_is_an_error() {
     every_damage_is_an_error(&small_bricks(Encoding::Packed), read_bricks);
-    every_damage_is_an_error(&small_bricks(Encoding::Blocks), read_bricks);
+    let one = [(morton::decode(5), chunk_of(1, SampleLayout::Corner, 5, true))];
+    every_damage_is_an_error(&brick_file(2, 1, Encoding::Blocks, &one), read_bricks);
     every_damage_is_an_error(&brick_file(0, 2, Encoding::Plain, &[]), read_bricks);
 }
 

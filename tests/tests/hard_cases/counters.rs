@@ -77,6 +77,7 @@ fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
         texel_offset: 1.0,
         rim: 1,
         max_steps: 96,
+        high: [8; 3],
         ..Default::default()
     };
     change(&mut tree);
