@@ -1,7 +1,7 @@
 //! Suites `pager` and `pager-growth`: flights over a terrain that is made as it is read, without a device.
 //!
 //! A flight stands still until its first picture is sharp, flies in real time, and rests until it is settled. Each frame's
-//! requests are those of rays ([`rays`]); the loaders run beside. Times are of the machine, counters are not, but which pages a
+//! requests are those of rays (`rays`); the loaders run beside. Times are of the machine, counters are not, but which pages a
 //! flight in real time sees depends on how fast it goes.
 
 mod flights;
