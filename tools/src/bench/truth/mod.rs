@@ -28,7 +28,7 @@ use crate::holes::{count_holes, count_thick, inside, least_alpha_inside};
 use crate::metrics::{LinearImage, compare, noise_floor, psnr};
 use crate::picture_file::linear_over_sky;
 use crate::report::per_ray;
-use crate::truth::{Bottom, Truth};
+use crate::truth::Truth;
 use scenes::{Scene, Variant, View};
 
 /// Rays per axis of a pixel in each of the two renders of the truth.
@@ -258,11 +258,7 @@ fn measure_scene(
 ) -> Result<(), CommandError> {
     let render = RenderSettings::default();
     let repetitions = repetitions(settings).min(5);
-    let truth = Truth::new(
-        &scene.inputs.meshes,
-        &scene.inputs.layers,
-        &Bottom::Boxes(scene.boxes.clone()),
-    )?;
+    let truth = scene.truth()?;
     let views = scene.views(&truth, settings.quick)?;
     let mut open = Open::new(&scene.folder, GPU_BUDGET)?;
     let mut swept = None;
@@ -326,11 +322,7 @@ pub(super) struct Views {
 pub(super) fn views(settings: &Settings<'_>) -> Result<Vec<Views>, CommandError> {
     let mut all = Vec::new();
     for scene in scenes::scenes(settings)? {
-        let truth = Truth::new(
-            &scene.inputs.meshes,
-            &scene.inputs.layers,
-            &Bottom::Boxes(scene.boxes.clone()),
-        )?;
+        let truth = scene.truth()?;
         let views = scene.views(&truth, settings.quick)?;
         all.push(Views {
             scene: scene.name,

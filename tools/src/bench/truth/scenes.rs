@@ -18,7 +18,7 @@ use crate::build::{BuildArgs, DEFAULT_LAYOUT, Filter};
 use crate::commands::CommandError;
 use crate::input::demo::DemoInput;
 use crate::input::{HeightOptions, Inputs, RasterCache};
-use crate::truth::Truth;
+use crate::truth::{Bottom, Truth};
 
 /// The one at which settings are compared: there are finer levels to be had, and coarser ones.
 const SWEPT: u32 = 4;
@@ -176,6 +176,12 @@ impl Scene {
             voxel: headers.iter().map(|h| h.voxel_size).fold(f64::INFINITY, f64::min),
             source,
         })
+    }
+
+    /// The truth of its input.
+    pub(super) fn truth(&self) -> Result<Truth<'_>, CommandError> {
+        let bottom = Bottom::Boxes(self.boxes.clone());
+        Ok(Truth::new(&self.inputs.meshes, &self.inputs.layers, &bottom)?)
     }
 
     /// The views; with `quick`, the swept one alone.
