@@ -27,7 +27,7 @@ pub enum Encoding {
     /// Column differences as they are.
     Plain = 0,
     /// By what is expected of each sample.
-    Packed = 4,
+    Packed = 6,
     /// As blocks that the GPU reads; the only one with a loss.
     Blocks = 5,
 }
@@ -37,8 +37,8 @@ impl Encoding {
     pub fn from_code(code: u8) -> Option<Self> {
         match code {
             0 => Some(Self::Plain),
-            4 => Some(Self::Packed),
             5 => Some(Self::Blocks),
+            6 => Some(Self::Packed),
             _ => None,
         }
     }
@@ -144,7 +144,28 @@ impl Region {
         }
     }
 
-    /// The same with the index of the place in a plane, where columns are the fastest axis; then x, then y.
+    /// Calls with the index of the topmost sample of each column of samples in the bricks and its place in the region.
+    fn for_each_column(&self, mask: u64, layout: SampleLayout, mut call: impl FnMut(usize, [usize; 3])) {
+        let side = layout.side();
+        for (k, p) in brick_positions(mask).enumerate() {
+            let corner = (p - self.lo) * BRICK_VOXELS;
+            let top = self.size.z - side - corner.z;
+            let first = (k + 1) * layout.samples() - (side * side) as usize;
+            for (x, y) in (0..side).flat_map(|y| (0..side).map(move |x| (x, y))) {
+                let place = [corner.x + x, corner.y + y, top].map(|v| v as usize);
+                call(first + (y * side + x) as usize, place);
+            }
+        }
+    }
+
+    /// Says of a grid which samples bricks have.
+    fn announce(&self, mask: u64, layout: SampleLayout, grid: &mut Grid) {
+        self.for_each_column(mask, layout, |_, place| {
+            grid.announce(grid.index(place), layout.side() as usize);
+        });
+    }
+
+    /// The same as [`Self::for_each_place`] with the index of the place in a plane, where columns are the fastest axis; then x, then y.
     fn for_each_sample(&self, mask: u64, layout: SampleLayout, mut call: impl FnMut(usize, usize)) {
         let [columns, height] = [self.size.x as usize, self.size.z as usize];
         self.for_each_place(mask, layout, |sample, [x, y, down]| {
@@ -162,11 +183,12 @@ pub struct ChunkBox {
 }
 
 impl ChunkBox {
-    /// The box of a mask of bricks (see [`Chunk::mask`]); nothing is in its samples.
-    pub fn new(mask: u64, layout: SampleLayout, layers: Layers) -> Self {
+    /// The box of a mask of bricks (see [`Chunk::mask`]); nothing is in its samples. The looks that will be set are in steps by which none
+    /// is off by more than `error`, 0 if they are not.
+    pub fn new(mask: u64, layout: SampleLayout, layers: Layers, error: u8) -> Self {
         let region = Region::new(mask, layout);
-        let mut grid = Grid::new(region.size, layers == Layers::Axes);
-        region.for_each_place(mask, layout, |_, place| grid.announce(grid.index(place)));
+        let mut grid = Grid::new(region.size, layers == Layers::Axes, error);
+        region.announce(mask, layout, &mut grid);
         Self {
             mask,
             layout,
@@ -235,10 +257,10 @@ impl ChunkBox {
         chunk
     }
 
-    /// Codes the chunk, whose looks are in steps by which none is off by more than `error`, 0 if they are not.
-    pub fn encode(mut self, encoding: Encoding, error: u8) -> Vec<u8> {
+    /// Codes the chunk.
+    pub fn encode(mut self, encoding: Encoding) -> Vec<u8> {
         match encoding {
-            Encoding::Packed => pack::encode(&mut self.grid, error),
+            Encoding::Packed => pack::encode(&mut self.grid),
             Encoding::Blocks => BlockChunk::encode(&self.chunk()).into_bytes(),
             Encoding::Plain => {
                 let layers = if self.grid.axes() {
@@ -363,7 +385,7 @@ impl Chunk {
         let region = Region::new(self.mask, self.layout);
         let payload = match encoding {
             Encoding::Plain => self.plain(&region),
-            Encoding::Packed => self.grid(&region).map(|mut grid| pack::encode(&mut grid, error)),
+            Encoding::Packed => self.grid(&region, error).map(|mut grid| pack::encode(&mut grid)),
             Encoding::Blocks => Some(BlockChunk::encode(self).into_bytes()),
         };
         payload.ok_or_else(|| {
@@ -397,13 +419,13 @@ impl Chunk {
         if self.color.len() != samples || self.normal.len() != samples {
             return None;
         }
-        self.grid(&Region::new(self.mask, self.layout))
+        self.grid(&Region::new(self.mask, self.layout), 0)
             .map(|mut grid| pack::costs(&mut grid))
     }
 
     /// The samples in their places; `None` if bricks disagree.
-    fn grid(&self, region: &Region) -> Option<Grid> {
-        let mut grid = Grid::new(region.size, self.layers() == Layers::Axes);
+    fn grid(&self, region: &Region, error: u8) -> Option<Grid> {
+        let mut grid = Grid::new(region.size, self.layers() == Layers::Axes, error);
         let mut agree = true;
         region.for_each_place(self.mask, self.layout, |sample, place| {
             let opacity = self.opacity.get(sample).copied().unwrap_or_default();
@@ -473,18 +495,19 @@ impl Chunk {
     }
 
     fn unpack(&mut self, bytes: &[u8], region: &Region, layers: Layers) -> Result<(), FormatError> {
-        let mut grid = Grid::new(region.size, layers == Layers::Axes);
-        region.for_each_place(self.mask, self.layout, |_, place| {
-            grid.announce(grid.index(place))
-        });
+        let mut grid = Grid::new(region.size, layers == Layers::Axes, 0);
+        region.announce(self.mask, self.layout, &mut grid);
         pack::decode(bytes, &mut grid)?;
-        region.for_each_place(self.mask, self.layout, |sample, place| {
-            let (color, normal, opacity) = grid.get(grid.index(place));
-            self.color[sample] = color;
-            self.normal[sample] = normal;
-            if layers == Layers::Axes {
-                self.opacity[sample] = opacity;
-            }
+        let side = self.layout.side() as usize;
+        region.for_each_column(self.mask, self.layout, |top, place| {
+            grid.each(grid.index(place), side, |down, (color, normal, opacity)| {
+                let sample = top - down * side * side;
+                self.color[sample] = color;
+                self.normal[sample] = normal;
+                if layers == Layers::Axes {
+                    self.opacity[sample] = opacity;
+                }
+            });
         });
         Ok(())
     }

@@ -11,8 +11,7 @@
 //! 60   zero                        4
 //! 64   surface bounds 6 × u32      24   finest voxels from the origin, low then high (exclusive)
 //! 88   table: (depth + 1) × { offset u64, nodes u32, crc32 u32 }
-//!      zeros up to a multiple of 64
-//!      level 0: one node in a 64-byte tile, then level 1, …, each a multiple of 64 bytes
+//!      level 0, level 1, …: their nodes, packed; a level ends where the next begins, the last with the file
 //! ```
 //! A reader that wants only the coarse tree reads [`prefix_len`] bytes, decodes the header, then one level at a time.
 
@@ -21,39 +20,32 @@ use glam::{DVec3, UVec3};
 use crate::error::FormatError;
 use crate::layout::SampleLayout;
 use crate::octree::{MAX_DEPTH, Node, Octree, TreeHeader, check_level};
+use crate::pack::{decode_nodes, encode_nodes, packed_nodes_bytes};
 
 /// First bytes of the file.
 pub const MAGIC: [u8; 8] = *b"BRKFOCT\0";
 /// Version written and read.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 const TABLE: usize = 88;
 const ENTRY: usize = 16;
 
-/// Bytes of a node tile.
-pub const TILE_BYTES: u64 = 64;
-
 /// Longest header and table: what to read (or the whole file if shorter) before [`decode_header`].
 pub const fn prefix_len() -> usize {
-    (TABLE + ENTRY * (MAX_DEPTH as usize + 1)).next_multiple_of(64)
+    TABLE + ENTRY * (MAX_DEPTH as usize + 1)
 }
 
 /// Where a level's nodes are in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LevelEntry {
-    /// Byte offset of the first node.
+    /// Byte offset in the file.
     pub offset: u64,
+    /// Bytes in the file.
+    pub bytes: u64,
     /// Number of nodes: 1 for the root, else a multiple of 8.
     pub nodes: u32,
     /// Checksum of the level's bytes.
     pub crc: u32,
-}
-
-impl LevelEntry {
-    /// Bytes of the level in the file.
-    pub fn bytes(&self) -> u64 {
-        (u64::from(self.nodes) * 8).next_multiple_of(TILE_BYTES)
-    }
 }
 
 /// Header and table of an octree file.
@@ -112,23 +104,16 @@ pub fn encode(tree: &Octree) -> Result<Vec<u8>, FormatError> {
         out.extend_from_slice(&v.to_le_bytes());
     }
     let table_end = TABLE + ENTRY * tree.levels.len();
-    let mut offset = table_end.next_multiple_of(64) as u64;
     let mut body = Vec::new();
     for nodes in &tree.levels {
-        let start = body.len();
-        for node in nodes {
-            body.extend_from_slice(&node.structure.to_le_bytes());
-            body.extend_from_slice(&node.data.to_le_bytes());
-        }
-        body.resize(body.len().next_multiple_of(TILE_BYTES as usize), 0);
-        out.extend_from_slice(&offset.to_le_bytes());
+        let level = encode_nodes(nodes);
+        out.extend_from_slice(&((table_end + body.len()) as u64).to_le_bytes());
         out.extend_from_slice(&(nodes.len() as u32).to_le_bytes());
-        out.extend_from_slice(&crc32fast::hash(&body[start..]).to_le_bytes());
-        offset += (body.len() - start) as u64;
+        out.extend_from_slice(&crc32fast::hash(&level).to_le_bytes());
+        body.extend_from_slice(&level);
     }
     let crc = header_crc(&out, table_end);
     out[56..60].copy_from_slice(&crc.to_le_bytes());
-    out.resize(table_end.next_multiple_of(64), 0);
     out.extend_from_slice(&body);
     Ok(out)
 }
@@ -153,8 +138,7 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatE
         return Err(FormatError::at(12, format!("depth {depth} is above {MAX_DEPTH}")));
     }
     let table_end = TABLE + ENTRY * (usize::from(depth) + 1);
-    let body = table_end.next_multiple_of(64);
-    if bytes.len() < body {
+    if bytes.len() < table_end {
         return Err(FormatError::at(
             bytes.len() as u64,
             "the file ends inside its header",
@@ -167,7 +151,7 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatE
         ));
     }
     // Outside the checksum or not used yet; whatever gives these bytes a meaning raises the version.
-    for range in [15..16, 60..64, table_end..body] {
+    for range in [15..16, 60..64] {
         if bytes[range.clone()].iter().any(|b| *b != 0) {
             return Err(FormatError::at(
                 range.start as u64,
@@ -189,39 +173,40 @@ pub fn decode_header(bytes: &[u8], file_len: u64) -> Result<OctreeIndex, FormatE
     };
     header.validate()?;
     let mut levels = Vec::with_capacity(usize::from(depth) + 1);
-    let mut expected = body as u64;
-    for level in 0..=usize::from(depth) {
-        let at = TABLE + ENTRY * level;
-        let entry = LevelEntry {
-            offset: u64_at(bytes, at),
-            nodes: u32_at(bytes, at + 8),
-            crc: u32_at(bytes, at + 12),
-        };
-        let plausible = if level == 0 {
-            entry.nodes == 1
+    let mut offset = table_end as u64;
+    for level in 0..=depth {
+        let at = TABLE + ENTRY * usize::from(level);
+        let end = if level == depth {
+            file_len
         } else {
-            entry.nodes.is_multiple_of(8)
+            u64_at(bytes, at + ENTRY)
         };
-        if !plausible || entry.offset != expected {
+        let nodes = u32_at(bytes, at + 8);
+        let whole = if level == 0 {
+            nodes == 1
+        } else {
+            nodes.is_multiple_of(8)
+        };
+        let [least, most] = packed_nodes_bytes(nodes).map(|bytes| offset.saturating_add(bytes));
+        if !whole || u64_at(bytes, at) != offset || end < least || end > most {
             return Err(FormatError::at(
                 at as u64,
                 format!("table entry of level {level} is not plausible"),
             ));
         }
-        expected += entry.bytes();
-        if expected > file_len {
+        if end > file_len {
             return Err(FormatError::at(
                 file_len,
                 format!("the file ends inside level {level}"),
             ));
         }
-        levels.push(entry);
-    }
-    if expected != file_len {
-        return Err(FormatError::at(
-            expected,
-            format!("the levels end here, the file at byte {file_len}"),
-        ));
+        levels.push(LevelEntry {
+            offset,
+            bytes: end - offset,
+            nodes,
+            crc: u32_at(bytes, at + 12),
+        });
+        offset = end;
     }
     Ok(OctreeIndex { header, levels })
 }
@@ -236,7 +221,7 @@ impl OctreeIndex {
         let Some(entry) = self.levels.get(usize::from(level)) else {
             return Err(FormatError::file(format!("there is no level {level}")));
         };
-        if bytes.len() as u64 != entry.bytes() {
+        if bytes.len() as u64 != entry.bytes {
             return Err(FormatError::at(
                 entry.offset,
                 format!("level {level} is cut short"),
@@ -248,14 +233,8 @@ impl OctreeIndex {
                 format!("checksum of level {level} does not match: the file is damaged"),
             ));
         }
-        let nodes: Vec<Node> = bytes
-            .chunks_exact(8)
-            .take(entry.nodes as usize)
-            .map(|b| Node {
-                structure: u32_at(b, 0),
-                data: u32_at(b, 4),
-            })
-            .collect();
+        let nodes = decode_nodes(bytes, entry.nodes)
+            .map_err(|e| FormatError::at(entry.offset, format!("level {level}: {}", e.message)))?;
         let counts = check_level(&nodes, level, self.header.depth)?;
         let next = self.levels.get(usize::from(level) + 1).map_or(0, |e| e.nodes / 8);
         if counts.tiles != next {
@@ -282,7 +261,7 @@ pub fn decode(bytes: &[u8]) -> Result<Octree, FormatError> {
         .iter()
         .enumerate()
         .map(|(level, e)| {
-            let range = e.offset as usize..(e.offset + e.bytes()) as usize;
+            let range = e.offset as usize..(e.offset + e.bytes) as usize;
             index.decode_level(level as u8, bytes.get(range).unwrap_or_default())
         })
         .collect::<Result<_, _>>()?;

@@ -10,7 +10,7 @@ use std::time::Instant;
 use brickfell_formats::bricks::{self, BrickHeader, BrickIndex, ChunkEntry, brick_file_name};
 use brickfell_formats::chunk::Encoding;
 use brickfell_formats::octree::{self, Node, TreeHeader, count_bricks};
-use brickfell_formats::octree_binary::{self, OctreeIndex};
+use brickfell_formats::octree_binary::{self, LevelEntry, OctreeIndex};
 
 use crate::page::{ChunkPage, LevelPage, RootPage, level_memory};
 use crate::store::Store;
@@ -159,7 +159,7 @@ impl Reader<'_> {
         let Some(entry) = index.levels.get(usize::from(level)) else {
             return Err(self.fail(name, format!("there is no level {level}")));
         };
-        let bytes = self.read(name, entry.offset, entry.bytes())?;
+        let bytes = self.read(name, entry.offset, entry.bytes)?;
         index.decode_level(level, &bytes).map_err(|e| self.fail(name, e))
     }
     fn level_page(
@@ -221,10 +221,7 @@ impl Reader<'_> {
         }
         let directory = header.directory();
         let bytes = directory.end - directory.start;
-        self.reserve(
-            level_estimate(nodes.len() as u64)
-                .max(level_memory(nodes.len() as u64, header.chunks.into()) + bytes),
-        )?;
+        self.reserve(level_memory(nodes.len() as u64, header.chunks.into()) + bytes)?;
         let index = header
             .decode_directory(&self.read(name, directory.start, bytes)?)
             .map_err(|e| self.fail(name, e))?;
@@ -244,9 +241,9 @@ impl Reader<'_> {
     }
 }
 
-/// Bytes that loading a level takes at most before its brick file is known: the nodes, raw and decoded.
-pub(crate) fn level_estimate(nodes: u64) -> u64 {
-    level_memory(2 * nodes, 0) + octree_binary::TILE_BYTES
+/// Bytes that loading a level takes before its brick file is known: the nodes, packed and decoded.
+pub(crate) fn level_estimate(level: &LevelEntry) -> u64 {
+    level_memory(level.nodes.into(), 0) + level.bytes
 }
 
 /// Bytes that loading a chunk takes: the payload, and where it is not kept as it is the decoded samples. What a decoder works with

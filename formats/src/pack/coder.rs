@@ -17,7 +17,7 @@ pub(super) const SYMBOLS: usize = 16;
 /// States are at least this, and below it times 2^16.
 const LEAST_STATE: u32 = 1 << 16;
 /// Bytes of the two states, which a stream begins with.
-const STATES: usize = 8;
+pub(super) const STATES: usize = 8;
 
 /// What is expected of a symbol: for each, how much the smaller ones have of [`ONE`]. Strictly increasing from 0.
 pub(super) type Odds = [i16; SYMBOLS];
@@ -148,22 +148,6 @@ pub(super) trait Coder {
     #[inline]
     fn part(&mut self, _: Part) {}
 
-    /// Codes a symbol: an encoder writes `symbol` and gives it back, a decoder gives what was written, whatever it is.
-    #[inline]
-    fn symbol(&mut self, odds: &Odds, symbol: usize) -> usize {
-        let symbol = if Self::ENCODES {
-            symbol % SYMBOLS
-        } else {
-            let place = self.place() as i16;
-            let below: i16 = odds.iter().map(|o| i16::from(*o <= place)).sum();
-            (below - 1) as usize % SYMBOLS
-        };
-        let start = odds[symbol] as u32;
-        let end = odds.get(symbol + 1).map_or(ONE, |o| *o as u32);
-        self.take(start, end - start);
-        symbol
-    }
-
     /// Codes a decision by what is expected of it.
     #[inline]
     fn bit(&mut self, prob: &mut Prob, yes: bool) -> bool {
@@ -191,35 +175,67 @@ pub(super) trait Coder {
         bits
     }
 
-    /// Codes a symbol by the mean of what models expect, which learn from it.
+    /// Codes a symbol by the mean of what models expect, which learn from it: an encoder writes `symbol` and gives it back, a decoder
+    /// gives what was written, whatever it is.
     #[inline]
     fn by<const N: usize>(&mut self, models: [&mut Model; N], symbol: usize) -> usize {
-        let mut odds = models[0].odds;
-        if N > 1 {
-            let mut sums = [0u16; SYMBOLS];
-            let shares: [u16; N] = match N {
-                2 => std::array::from_fn(|_| 2),
-                3 => std::array::from_fn(|k| 1 + (k == 0) as u16),
-                _ => std::array::from_fn(|_| 1),
-            };
-            // Below 2^15 each and four in all: a sum of quarters would not fit.
-            let mut rest = [0u16; SYMBOLS];
-            for (model, share) in models.iter().zip(shares) {
-                for k in 0..SYMBOLS {
-                    sums[k] += (model.odds[k] as u16 >> 2) * share;
-                    rest[k] += (model.odds[k] as u16 & 3) * share;
-                }
-            }
-            for k in 0..SYMBOLS {
-                odds[k] = (sums[k] + (rest[k] >> 2)) as i16;
-            }
-        }
-        let symbol = self.symbol(&odds, symbol);
+        let symbol = if Self::ENCODES {
+            // Only the symbol's own place is asked for.
+            let symbol = symbol % SYMBOLS;
+            let [start, end] = [symbol, symbol + 1].map(|k| mean_at(&models, k));
+            self.take(start, end - start);
+            symbol
+        } else {
+            let odds = mean(&models);
+            let place = self.place() as i16;
+            let below: i16 = odds.iter().map(|o| i16::from(*o <= place)).sum();
+            let symbol = (below - 1) as usize % SYMBOLS;
+            let start = odds[symbol] as u32;
+            let end = odds.get(symbol + 1).map_or(ONE, |o| *o as u32);
+            self.take(start, end - start);
+            symbol
+        };
         for model in models {
             model.learn(symbol);
         }
         symbol
     }
+}
+
+/// Quarters that models have of their mean.
+const fn shares<const N: usize>() -> [u16; N] {
+    let mut shares = [4 / N as u16; N];
+    shares[0] += 4 % N as u16;
+    shares
+}
+
+/// The mean of what models expect.
+#[inline]
+fn mean<const N: usize>(models: &[&mut Model; N]) -> Odds {
+    if N == 1 {
+        return models[0].odds;
+    }
+    // Below 2^15 each and four in all: a sum of quarters would not fit.
+    let (mut sums, mut rest) = ([0u16; SYMBOLS], [0u16; SYMBOLS]);
+    for (model, share) in models.iter().zip(shares::<N>()) {
+        for k in 0..SYMBOLS {
+            sums[k] += (model.odds[k] as u16 >> 2) * share;
+            rest[k] += (model.odds[k] as u16 & 3) * share;
+        }
+    }
+    std::array::from_fn(|k| (sums[k] + (rest[k] >> 2)) as i16)
+}
+
+/// One place of that.
+#[inline]
+fn mean_at<const N: usize>(models: &[&mut Model; N], k: usize) -> u32 {
+    if k == SYMBOLS {
+        return ONE;
+    }
+    let odds = models.iter().zip(shares::<N>());
+    odds.map(|(model, share)| model.odds[k] as u32 * u32::from(share))
+        .sum::<u32>()
+        >> 2
 }
 
 /// Writes symbols: keeps their places, since the coder works from the last to the first.
@@ -292,7 +308,14 @@ impl<'a> Decoder<'a> {
 
     /// Whether exactly all bytes have been asked for, and the states are those that an encoder begins with.
     pub(super) fn is_done(&self) -> bool {
-        !self.odd && self.at == self.words.len() && self.states == [LEAST_STATE; 2]
+        self.is_done_but_for_zeros() && self.at == self.words.len()
+    }
+
+    /// Whether the bytes that have not been asked for are zeros, and the states are those that an encoder begins with.
+    pub(super) fn is_done_but_for_zeros(&self) -> bool {
+        let rest = self.words.get(self.at..);
+        let zeros = rest.is_some_and(|words| words.iter().all(|word| *word == [0; 2]));
+        !self.odd && zeros && self.states == [LEAST_STATE; 2]
     }
 }
 

@@ -8,6 +8,7 @@ use std::ops::Range;
 use glam::UVec3;
 
 use super::tables::{self, Look, flip};
+use crate::steps::Steps;
 use crate::value::{SOLID_ALPHA, opacity_level, opacity_of_level};
 
 /// Samples of air on each side of the box: west and east, south and north; above and below.
@@ -57,6 +58,9 @@ pub(super) fn bits(mut bits: u64) -> impl Iterator<Item = usize> {
     })
 }
 
+/// Colour, normal and opacities.
+type Sample = ([u8; 4], [i8; 4], [u8; 4]);
+
 /// Columns in rows along x, rows along y.
 pub(crate) struct Grid {
     size: [usize; 3],
@@ -66,8 +70,15 @@ pub(crate) struct Grid {
     pub(super) row: usize,
     /// Whether there are opacities against the axes.
     pub(super) axes: bool,
-    /// Looks are in steps by which none is off by more ([`Steps`](crate::steps::Steps)); 0 if any may be there.
-    pub(super) error: u8,
+    /// Looks are to be in steps by which none is off by more.
+    error: u8,
+    /// Whether a sample was set that is stored of no look in these steps, of no look at all, with an opacity that is none of
+    /// the levels that builders keep to.
+    off_steps: bool,
+    pub(super) odd_looks: bool,
+    pub(super) odd_opacities: bool,
+    /// The sample that was looked at last.
+    judged: (u8, Look, [u8; 3]),
     pub(super) columns: Vec<Column>,
     pub(super) alpha: Vec<u8>,
     pub(super) opacity: Vec<[u8; 3]>,
@@ -80,8 +91,9 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// A box of so many samples per axis, at most 56 along z; no brick has any of them.
-    pub(crate) fn new(size: UVec3, axes: bool) -> Self {
+    /// A box of so many samples per axis, at most 56 along z; no brick has any of them. Looks that will be set are in steps by which
+    /// none is off by more than `error` ([`Steps`]); if one is not, none counts as such.
+    pub(crate) fn new(size: UVec3, axes: bool, error: u8) -> Self {
         let size = size.to_array().map(|s| s as usize);
         let [row, rows, height]: [usize; 3] = std::array::from_fn(|k| size[k] + 2 * PAD[k]);
         let n = row * rows * height;
@@ -90,7 +102,11 @@ impl Grid {
             height,
             row,
             axes,
-            error: 0,
+            error: error.min(Steps::MOST),
+            off_steps: false,
+            odd_looks: false,
+            odd_opacities: false,
+            judged: Default::default(),
             columns: vec![Column::default(); row * rows],
             alpha: vec![0; n],
             opacity: if axes { vec![[0; 3]; n] } else { Vec::new() },
@@ -125,10 +141,10 @@ impl Grid {
         [column % self.row, column / self.row].map(|k| (k + before + PAD[0]) % 2 == 1)
     }
 
-    /// Says that a brick has a sample.
+    /// Says that a brick has so many samples from one down.
     #[inline]
-    pub(crate) fn announce(&mut self, at: usize) {
-        self.columns[at / self.height].covered |= 1 << (at % self.height);
+    pub(crate) fn announce(&mut self, top: usize, count: usize) {
+        self.columns[top / self.height].covered |= ((1 << count) - 1) << (top % self.height);
     }
 
     /// Sets a sample of a brick; false if another brick has it otherwise.
@@ -140,7 +156,7 @@ impl Grid {
             let opacities = !self.axes || [ox, oy, oz] == opacity[..3];
             return opacities && own_color == color && [x, y, z] == normal[..3];
         }
-        self.announce(at);
+        self.announce(at, 1);
         self.put(at, color, normal, opacity);
         true
     }
@@ -161,18 +177,48 @@ impl Grid {
         }
         let column = &mut self.columns[run.start / self.height];
         let bits = ((1 << run.len()) - 1) << (run.start % self.height) & column.covered;
+        if bits == 0 {
+            return;
+        }
         column.some |= bits;
+        let stored = [r, g, b, x, y, z];
+        self.judge((a, stored, [ox, oy, oz]));
+        let column = &mut self.columns[run.start / self.height];
         if a == SOLID_ALPHA && (!self.axes || [ox, oy, oz] == [SOLID_ALPHA; 3]) {
             column.solid |= bits;
         }
         let first = run.start - run.start % self.height;
         for part in runs(bits).map(|part| first + part.start..first + part.end) {
             self.alpha[part.clone()].fill(a);
-            self.stored[part.clone()].fill([r, g, b, x, y, z]);
+            self.stored[part.clone()].fill(stored);
             if self.axes {
                 self.opacity[part].fill([ox, oy, oz]);
             }
         }
+    }
+
+    /// Takes note of what is unusual about a sample.
+    #[inline]
+    fn judge(&mut self, sample: (u8, Look, [u8; 3])) {
+        // Solid mostly is like what is beside it.
+        if self.judged == sample {
+            return;
+        }
+        self.judged = sample;
+        let (alpha, stored, opacities) = sample;
+        let looks = tables::looks(alpha, &stored);
+        self.odd_looks |= tables::stored(alpha, &looks.map(|[first, _]| first)) != stored;
+        if self.error > 0 {
+            let steps = Steps::within(self.error);
+            self.off_steps |= (0..6).any(|k| !tables::has_step(steps, k, looks[k]));
+        }
+        let level = |v: u8| opacity_of_level(opacity_level(v)) == v;
+        self.odd_opacities |= !level(alpha) || self.axes && !opacities.iter().all(|v| level(*v));
+    }
+
+    /// By how much looks may be off so that they are in steps; 0 if they are in none.
+    pub(super) fn error(&self) -> u8 {
+        if self.off_steps { 0 } else { self.error }
     }
 
     /// Whether there are opacities against the axes.
@@ -180,12 +226,24 @@ impl Grid {
         self.axes
     }
 
+    /// Calls with each sample that is not empty of so many from one down: how far below it, and what it is.
+    #[inline]
+    pub(crate) fn each(&self, top: usize, count: usize, mut call: impl FnMut(usize, Sample)) {
+        let some = self.columns[top / self.height].some >> (top % self.height) & ((1 << count) - 1);
+        bits(some).for_each(|down| call(down, self.get_some(top + down)));
+    }
+
     /// Colour, normal and opacities of a sample.
     #[inline]
-    pub(crate) fn get(&self, at: usize) -> ([u8; 4], [i8; 4], [u8; 4]) {
-        if self.columns[at / self.height].some >> (at % self.height) & 1 == 0 {
+    pub(crate) fn get(&self, at: usize) -> Sample {
+        if self.some(at) == 0 {
             return Default::default();
         }
+        self.get_some(at)
+    }
+
+    #[inline]
+    fn get_some(&self, at: usize) -> Sample {
         let [r, g, b, x, y, z] = self.stored[at];
         let [ox, oy, oz] = if self.axes { self.opacity[at] } else { [0; 3] };
         let [x, y, z] = [x, y, z].map(|n| flip(n) as i8);
@@ -219,28 +277,6 @@ impl Grid {
             (below, place + below)
         };
         (step <= REACH).then(|| column * self.height + at)
-    }
-
-    /// All samples that are partial, or all that are anything.
-    pub(super) fn all(&self, of: impl Fn(&Column) -> u64) -> impl Iterator<Item = usize> {
-        let columns = self.columns.iter().enumerate();
-        columns.flat_map(move |(k, c)| bits(of(c)).map(move |bit| k * self.height + bit))
-    }
-
-    /// Whether an opacity is none of the levels that builders keep to.
-    pub(super) fn has_odd_opacities(&self) -> bool {
-        let level = |v: u8| opacity_of_level(opacity_level(v)) == v;
-        self.all(|c| c.partial())
-            .any(|n| !level(self.alpha[n]) || self.axes && !self.opacity[n].iter().all(|v| level(*v)))
-    }
-
-    /// Whether there is a sample of which no look is stored so.
-    pub(super) fn has_odd_looks(&self) -> bool {
-        self.all(|c| c.some).any(|n| {
-            let bounds = tables::looks(self.alpha[n], &self.stored[n]);
-            let first = bounds.map(|[first, _]| first);
-            tables::stored(self.alpha[n], &first) != self.stored[n]
-        })
     }
 }
 

@@ -72,7 +72,7 @@ pub(super) struct Looks {
     residuals: [[Vec<Model>; 3]; 6],
     activity: [Activity; SOURCES],
     /// What looks are told in, but for those that are as expected.
-    steps: Steps,
+    pub(super) steps: Steps,
     /// Whether something else is stored than that of some looks.
     odds: bool,
     /// Whether of this, and by how much it is off.
@@ -107,8 +107,8 @@ impl Looks {
                 ]
             }),
             activity: [Activity::default(); SOURCES],
-            steps: Steps::within(coder.bits(4, u32::from(grid.error)) as u8),
-            odds: coder.bits(1, u32::from(grid.has_odd_looks())) == 1,
+            steps: Steps::within(coder.bits(4, u32::from(grid.error())) as u8),
+            odds: coder.bits(1, u32::from(grid.odd_looks)) == 1,
             odd: Prob::default(),
             off: models(6),
         }
@@ -246,20 +246,6 @@ impl Looks {
     }
 }
 
-/// Whether a component has a step in a range.
-fn has_step(steps: Steps, k: usize, range: [u8; 2]) -> bool {
-    let [first, last] = steps.in_range(tables::ZERO[k], range);
-    first <= last
-}
-
-/// Whether all samples are stored as looks in such steps are.
-pub(super) fn are_in_steps(grid: &Grid, steps: Steps) -> bool {
-    grid.all(|c| c.some).all(|n| {
-        let bounds = tables::looks(grid.alpha[n], &grid.stored[n]);
-        (0..6).all(|k| has_step(steps, k, bounds[k]))
-    })
-}
-
 /// First and last of the looks of which a sample is stored, by component, and of those below it too as far as that goes.
 fn shared_looks(grid: &Grid, run: Range<usize>, steps: Steps) -> [[u8; 2]; 6] {
     let looks = |at: usize| tables::looks(grid.alpha[at], &grid.stored[at]);
@@ -269,7 +255,7 @@ fn shared_looks(grid: &Grid, run: Range<usize>, steps: Steps) -> [[u8; 2]; 6] {
         let next = looks(at);
         for k in 0..6 {
             let both = [shared[k][0].max(next[k][0]), shared[k][1].min(next[k][1])];
-            open[k] &= both[0] <= both[1] && has_step(steps, k, both);
+            open[k] &= both[0] <= both[1] && tables::has_step(steps, k, both);
             if open[k] {
                 shared[k] = both;
             }

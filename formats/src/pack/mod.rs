@@ -8,6 +8,7 @@
 //! | [`slope`] | where surfaces are, and how steep |
 //! | [`looks`] | colours and normals of surfaces |
 //! | [`solid`] | those of solid |
+//! | [`nodes`] | nodes of an octree's level, apart from any chunk |
 //! | [`tables`] | what is stored of a colour or normal at an alpha |
 //! | [`coder`] | symbols by what is expected, as bytes |
 //! | [`meter`] | what parts of a payload take |
@@ -21,6 +22,7 @@ mod coder;
 mod grid;
 mod looks;
 mod meter;
+mod nodes;
 mod opacity;
 mod slope;
 mod solid;
@@ -35,18 +37,13 @@ use solid::Solids;
 
 pub(crate) use grid::Grid;
 pub use meter::{Costs, Part};
+pub(crate) use nodes::{decode_nodes, encode_nodes, packed_nodes_bytes};
 
 use crate::error::FormatError;
 use crate::steps::Steps;
 
-/// The payload of a grid whose samples are set. It is smaller if all looks are in steps of this error ([`Steps`]).
-pub(crate) fn encode(grid: &mut Grid, error: u8) -> Vec<u8> {
-    let error = error.min(Steps::MOST);
-    grid.error = if looks::are_in_steps(grid, Steps::within(error)) {
-        error
-    } else {
-        0
-    };
+/// The payload of a grid whose samples are set.
+pub(crate) fn encode(grid: &mut Grid) -> Vec<u8> {
     let mut coder = Encoder::new();
     code(&mut coder, grid);
     coder.finish()

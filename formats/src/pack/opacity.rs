@@ -77,7 +77,7 @@ impl Opacities {
 
     /// For samples with opacities against the axes, or without.
     pub(super) fn new(coder: &mut impl Coder, grid: &Grid) -> Self {
-        let all = coder.bits(1, u32::from(grid.has_odd_opacities())) == 1;
+        let all = coder.bits(1, u32::from(grid.odd_opacities)) == 1;
         let each = [COARSE << 2, COARSE * 9, COARSE * COARSE, 1 << 6].map(|n| if grid.axes { n } else { 0 });
         Self {
             steps: if all { Steps::Bytes } else { Steps::Levels },

@@ -137,7 +137,7 @@ mod tests {
 
     /// A plane that falls by so much per column, as a builder stores it: full below, empty above, as full as it is between.
     fn plane(slope: [i32; 2]) -> Grid {
-        let mut grid = Grid::new(UVec3::splat(18), false);
+        let mut grid = Grid::new(UVec3::splat(18), false, 0);
         for (x, y) in (0..18).flat_map(|y| (0..18).map(move |x| (x, y))) {
             let first = grid.index([x, y, 0]);
             let depth =

@@ -8,6 +8,7 @@ use super::grid::{Grid, bits};
 use super::looks::{Guess, Looks, plane};
 use super::meter::Part;
 use super::tables::{self, Look};
+use crate::steps::Steps;
 use crate::value::SOLID_ALPHA;
 
 /// Looks of solid, and how often they are other than expected.
@@ -87,7 +88,7 @@ impl Solids {
         let (inner, source) = self.inner(grid, column);
         // Mostly it is all as expected.
         let differs = C::ENCODES
-            && !expected(grid, column, &kinds, &inner, |grid, at, look| {
+            && !expected(grid, column, &kinds, &inner, looks.steps, |grid, at, look| {
                 tables::stored(SOLID_ALPHA, look) == grid.stored[at]
             });
         coder.part(Part::Solid);
@@ -96,7 +97,7 @@ impl Solids {
         if coder.bit(&mut self.column[context], differs) {
             self.each(coder, looks, grid, column, &kinds, source);
         } else if !C::ENCODES {
-            expected(grid, column, &kinds, &inner, |grid, at, look| {
+            expected(grid, column, &kinds, &inner, looks.steps, |grid, at, look| {
                 grid.stored[at] = tables::stored(SOLID_ALPHA, look);
                 true
             });
@@ -150,12 +151,13 @@ impl Solids {
     ) {
         let guess = self.looks[column].unwrap_or_default();
         let goal = if C::ENCODES {
-            rough_of(&grid.stored[at])
+            rough_of(&grid.stored[at], looks.steps)
         } else {
             None
         };
         coder.part(Part::Deep);
-        let same = C::ENCODES && tables::stored(SOLID_ALPHA, &guess) == grid.stored[at];
+        let same = C::ENCODES
+            && tables::stored(SOLID_ALPHA, &tables::in_steps(&guess, looks.steps)) == grid.stored[at];
         let mut look = guess;
         if coder.bit(&mut self.other[source], !same) {
             if coder.bit(&mut self.odd, goal.is_none()) {
@@ -176,9 +178,9 @@ impl Solids {
                 look[k] = of_step(k, (step(k, guess[k]) + off) & 15);
             }
         }
-        grid.look[at] = look;
-        grid.stored[at] = tables::stored(SOLID_ALPHA, &look);
         self.looks[column] = Some(look);
+        grid.look[at] = tables::in_steps(&look, looks.steps);
+        grid.stored[at] = tables::stored(SOLID_ALPHA, &grid.look[at]);
     }
 
     fn each<C: Coder>(
@@ -233,11 +235,11 @@ impl Solids {
     }
 }
 
-/// The look of the steps that is stored so, if there is one.
-fn rough_of(stored: &Look) -> Option<Look> {
+/// The rough look that is stored so in steps, if there is one.
+fn rough_of(stored: &Look, steps: Steps) -> Option<Look> {
     let bounds = tables::looks(SOLID_ALPHA, stored);
     let look: Look = std::array::from_fn(|k| of_step(k, step(k, bounds[k][0].midpoint(bounds[k][1]))));
-    (tables::stored(SOLID_ALPHA, &look) == *stored).then_some(look)
+    (tables::stored(SOLID_ALPHA, &tables::in_steps(&look, steps)) == *stored).then_some(look)
 }
 
 /// Gives the solid samples of a column the looks that are expected, as long as the call agrees; whether it did to the end.
@@ -246,6 +248,7 @@ fn expected(
     column: usize,
     kinds: &Kinds,
     inner: &Look,
+    steps: Steps,
     mut agrees: impl FnMut(&mut Grid, usize, &Look) -> bool,
 ) -> bool {
     for place in bits(grid.columns[column].solid) {
@@ -257,6 +260,7 @@ fn expected(
         } else {
             grid.look[at - 1]
         };
+        let look = tables::in_steps(&look, steps);
         if !agrees(grid, at, &look) {
             return false;
         }

@@ -5,7 +5,7 @@
 
 use std::sync::LazyLock;
 
-use crate::steps::{COLOR_ZERO, NORMAL_ZERO};
+use crate::steps::{COLOR_ZERO, NORMAL_ZERO, Steps};
 use crate::value::{BUILD_GAIN, Value, srgb_decode, srgb_to_linear};
 
 /// Red, green, blue, and the normal's x, y, z as unsigned bytes (see [`flip`]); or what is stored of them.
@@ -109,6 +109,22 @@ pub(super) fn looks(alpha: u8, stored: &Look) -> [[u8; 2]; 6] {
             _ => [0, 255],
         },
     )
+}
+
+/// The nearest look in steps.
+#[inline]
+pub(super) fn in_steps(look: &Look, steps: Steps) -> Look {
+    if steps.step() == 1 {
+        return *look;
+    }
+    std::array::from_fn(|k| steps.nearest(ZERO[k], look[k]))
+}
+
+/// Whether a component has a step in a range of looks.
+#[inline]
+pub(super) fn has_step(steps: Steps, k: usize, range: [u8; 2]) -> bool {
+    let [first, last] = steps.in_range(ZERO[k], range);
+    first <= last
 }
 
 #[cfg(test)]

@@ -43,7 +43,7 @@ proptest! {
         if axes {
             crate::common::add_opacity(&mut chunk);
         }
-        let new = || ChunkBox::new(chunk.mask, chunk.layout, chunk.layers());
+        let new = || ChunkBox::new(chunk.mask, chunk.layout, chunk.layers(), 0);
         let [mut single, mut runs] = [new(), new()];
         let (size, corner, side) = (single.size().as_usizevec3(), single.corner(), chunk.layout.side() as usize);
         let noise = ([9, 8, 7, 6], [5, 4, 3, 0], [2, 1, 6, 0]);
@@ -71,8 +71,8 @@ proptest! {
             }
         }
         let expected = chunk.encode(encoding).unwrap();
-        prop_assert!(single.encode(encoding, 0) == expected);
-        prop_assert!(runs.encode(encoding, 0) == expected);
+        prop_assert!(single.encode(encoding) == expected);
+        prop_assert!(runs.encode(encoding) == expected);
     }
 
     #[test]

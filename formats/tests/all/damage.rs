@@ -116,8 +116,8 @@ fn codes_of_later_versions_are_errors() {
     for (at, value, part) in [
         (0, b'X', "line 1, column"),
         (7, 1, "wrong magic"),
-        (8, 2, "octree version 2 is unknown (this reads 1)"),
-        (11, 1, "octree version 16777217 is unknown"),
+        (8, 1, "octree version 1 is unknown (this reads 2)"),
+        (11, 1, "octree version 16777218 is unknown"),
         (12, 21, "depth 21 is above 20"),
         (13, 2, "sample layout 2 is unknown"),
         (14, 0, "opacity gain 0 is unknown"),
@@ -142,8 +142,8 @@ fn codes_of_later_versions_are_errors() {
         (15, 1, "layer set 1 is unknown"),
         (16, 1, "encoding 1 is unknown"),
         (16, 2, "encoding 2 is unknown"),
-        (16, 3, "encoding 3 is unknown"),
-        (16, 6, "encoding 6 is unknown"),
+        (16, 4, "encoding 4 is unknown"),
+        (16, 7, "encoding 7 is unknown"),
         (17, 1, "unused bytes are not zero"),
         (59, 1, "unused bytes are not zero"),
         (20, 2, "the directory ends at byte"),
@@ -164,7 +164,7 @@ fn codes_of_later_versions_are_errors() {
 fn forged_bytes_do_not_panic_or_allocate() {
     let octree = octree_binary::encode(&small_octree()).unwrap();
     let valid = decode_any(&octree).unwrap();
-    for at in 8..256 {
+    for at in 8..octree.len() {
         for value in 0..=255 {
             let mut file = octree.clone();
             file[at] = value;

@@ -116,7 +116,7 @@ impl Pager {
                     .index
                     .as_ref()
                     .and_then(|i| i.levels.get(usize::from(level)));
-                entry.map(|e| level_estimate(e.nodes.into()))
+                entry.map(level_estimate)
             }
             PageKey::Chunk { level, chunk, .. } => {
                 let bricks = state.level(level).and_then(|page| page.bricks.as_ref());

@@ -104,7 +104,7 @@ impl Tree {
         let nodes = once(cell, || {
             let index = self.index.as_ref().ok_or_else(missing)?;
             let entry = index.levels.get(usize::from(level)).ok_or_else(missing)?;
-            let bytes = read(&*self.store, &self.name, entry.offset, entry.bytes())?;
+            let bytes = read(&*self.store, &self.name, entry.offset, entry.bytes)?;
             index.decode_level(level, &bytes).map_err(fault)
         })?;
         Ok(nodes)

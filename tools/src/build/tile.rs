@@ -311,13 +311,13 @@ pub(crate) fn code_chunks(
             .iter()
             .fold(0, |mask, brick| mask | 1 << morton::encode(*brick & within));
         let at = chunk_of(&bricks[0]);
-        let mut chunk = ChunkBox::new(mask, lattice.layout, terrain.layers());
+        let mut chunk = ChunkBox::new(mask, lattice.layout, terrain.layers(), terrain.error);
         let first = (at << u32::from(terrain.chunk_log2)) + chunk.corner();
         texels.fill(node_cube(lattice, place, level, first).0, &mut chunk);
         CodedChunk {
             at,
             mask,
-            payload: chunk.encode(terrain.encoding, terrain.error),
+            payload: chunk.encode(terrain.encoding),
         }
     };
     groups.into_par_iter().map(code).collect()

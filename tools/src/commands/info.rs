@@ -212,7 +212,7 @@ fn node_bytes(store: &dyn Store, name: &str, octree: &Octree) -> Result<Vec<u64>
         return Ok(vec![0; octree.levels.len()]);
     }
     let index = octree_binary::decode_header(&head, len).map_err(|e| located(store, name, e))?;
-    Ok(index.levels.iter().map(|level| level.bytes()).collect())
+    Ok(index.levels.iter().map(|level| level.bytes).collect())
 }
 
 fn file_len(store: &dyn Store, name: &str) -> Result<u64, String> {
