@@ -1,7 +1,8 @@
 //! What ways of coding chunks cost: bytes and time, on the bricks of a database.
 //!
 //! `cargo bench -p brickfell-formats -- DIR [WAY]` reads one chunk in eight of all brick files under DIR and prints a table,
-//! of one way if it is named. Where WAY is `breakdown`, what the parts of packed payloads take, by level, of one chunk in five.
+//! of one way if it is named. Where WAY is `breakdown`, what the parts of packed payloads take, by level, of one chunk in five;
+//! where it is `parents`, what residuals to the coarser level would take.
 //! Rates are megabytes of samples in memory per second of one thread.
 
 use std::collections::BTreeMap;
@@ -11,7 +12,7 @@ use std::hint::black_box;
 use std::path::{Path, PathBuf};
 
 use brickfell_formats::bricks::{BrickIndex, HEADER_BYTES, decode_header};
-use brickfell_formats::chunk::{Chunk, Encoding};
+use brickfell_formats::chunk::{Chunk, Encoding, brick_positions};
 use brickfell_formats::{Costs, Part};
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
@@ -119,6 +120,118 @@ fn breakdown(folder: &Path) -> Outcome<()> {
     Ok(())
 }
 
+/// Components of a sample: colour, normal, opacities.
+const COMPONENTS: usize = 10;
+
+fn components(chunk: &Chunk, at: usize) -> [u8; COMPONENTS] {
+    let opacity = chunk.opacity.get(at).copied().unwrap_or_default();
+    let [normal, opacity] = [chunk.normal[at].map(i8::cast_unsigned), opacity];
+    let all = chunk.color[at].into_iter().chain(normal.into_iter().take(3));
+    let mut all = all.chain(opacity.into_iter().take(3));
+    std::array::from_fn(|_| all.next().unwrap_or_default())
+}
+
+/// Compares residuals to the interpolated samples of the coarser level with differences down the columns, both behind zstd: of
+/// bricks' own samples, without aprons, which is in favour of the former.
+fn parents(folder: &Path) -> Outcome<()> {
+    let (mut files, mut all) = (Vec::new(), [const { Vec::new() }; 2]);
+    brick_files(folder, &mut files)?;
+    for file in &files {
+        let bytes = fs::read(file)?;
+        let fine = index(&bytes)?;
+        let Some(level) = fine.header.level.checked_sub(1) else {
+            continue;
+        };
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        let coarser =
+            file.with_file_name(name.replace(&format!("L{:02}", level + 1), &format!("L{level:02}")));
+        if !coarser.exists() {
+            continue;
+        }
+        let coarse_bytes = fs::read(coarser)?;
+        let coarse = index(&coarse_bytes)?;
+        let mut bricks = BTreeMap::new();
+        let mut decoded = Vec::new();
+        for (k, entry) in coarse.chunks.iter().enumerate() {
+            decoded.push(coarse.decode_chunk(
+                k as u32,
+                &coarse_bytes[entry.offset as usize..][..entry.length as usize],
+            )?);
+            for (brick, p) in brick_positions(entry.mask).enumerate() {
+                bricks.insert((coarse.chunk_corner(entry) + p).to_array(), (k, brick));
+            }
+        }
+        let layout = fine.header.layout;
+        let side = layout.side() as usize;
+        let (first, zero) = if side == 10 { (1, 0.5) } else { (0, 0.0) };
+        for (k, entry) in fine.chunks.iter().enumerate().step_by(STRIDE) {
+            let payload = &bytes[entry.offset as usize..][..entry.length as usize];
+            let chunk = fine.decode_chunk(k as u32, payload)?;
+            let mut planes = [const { [const { Vec::new() }; COMPONENTS] }; 2];
+            for (brick, p) in brick_positions(entry.mask).enumerate() {
+                let at = fine.chunk_corner(entry) + p;
+                let Some((parent, number)) = bricks.get(&(at / 2).to_array()) else {
+                    continue;
+                };
+                let place = |[x, y, z]: [usize; 3]| (z * side + y) * side + x;
+                let coarse_at =
+                    |p: [usize; 3]| components(&decoded[*parent], number * layout.samples() + place(p));
+                for (x, y, down) in (0..512).map(|n| (n / 8 % 8, n / 64, n % 8)) {
+                    let own = [x + first, y + first, 7 - down + first];
+                    let value = components(&chunk, brick * layout.samples() + place(own));
+                    let above = components(
+                        &chunk,
+                        brick * layout.samples() + place([own[0], own[1], (own[2] + 1).min(side - 1)]),
+                    );
+                    let place_of: [f32; 3] = std::array::from_fn(|a| {
+                        (at.to_array()[a] % 2 * 4) as f32 + (own[a] as f32 - zero) / 2.0 + zero
+                    });
+                    let mut sum = [0.0f32; COMPONENTS];
+                    for corner in 0..8 {
+                        let step: [usize; 3] = std::array::from_fn(|a| corner >> a & 1);
+                        let share: f32 = (0..3)
+                            .map(|a| {
+                                if step[a] == 1 {
+                                    place_of[a].fract()
+                                } else {
+                                    1.0 - place_of[a].fract()
+                                }
+                            })
+                            .product();
+                        if share > 0.0 {
+                            let near = coarse_at(std::array::from_fn(|a| place_of[a] as usize + step[a]));
+                            (0..COMPONENTS).for_each(|c| {
+                                let v = if (4..7).contains(&c) {
+                                    f32::from(near[c].cast_signed())
+                                } else {
+                                    f32::from(near[c])
+                                };
+                                sum[c] += share * v;
+                            });
+                        }
+                    }
+                    for c in 0..COMPONENTS {
+                        let expected = sum[c].round() as i32 as u8;
+                        planes[0][c].push(value[c].wrapping_sub(expected));
+                        planes[1][c].push(value[c].wrapping_sub(above[c]));
+                    }
+                }
+            }
+            for (all, planes) in all.iter_mut().zip(planes) {
+                all.push(planes.concat());
+            }
+        }
+    }
+    println!("| own samples of bricks | bytes behind zstd 19 |\n|---|---|");
+    for (name, all) in ["residuals to the parent", "differences"].iter().zip(&all) {
+        let bytes = all
+            .iter()
+            .map(|planes| Ok(zstd::bulk::compress(planes, 19)?.len()));
+        println!("| {name} | {} |", bytes.sum::<Outcome<usize>>()?);
+    }
+    Ok(())
+}
+
 fn bytes(bits: f64) -> String {
     format!(" {:.0} |", bits / 8.0)
 }
@@ -184,6 +297,9 @@ fn main() -> Outcome<()> {
     };
     if only.as_deref() == Some("breakdown") {
         return breakdown(Path::new(&folder));
+    }
+    if only.as_deref() == Some("parents") {
+        return parents(Path::new(&folder));
     }
     let chunks = chunks(Path::new(&folder))?;
     let memory: usize = chunks.iter().map(Chunk::memory).sum();
