@@ -221,8 +221,8 @@ impl Ground {
             terrain_rgb: args.terrain_rgb,
             ..HeightOptions::default()
         };
-        let cache = RasterCache::near(args.memory / RASTERS_SHARE, &args.out);
-        let layers = load_layers(&args.heights, options, &cache)?;
+        let textures = TextureSet::new(&RasterCache::near(args.memory / RASTERS_SHARE, &args.out));
+        let layers = load_layers(&args.heights, options, textures.cache())?;
         let mut placed = Vec::new();
         for list in &args.placements {
             for model in placements::read(list)? {
@@ -233,7 +233,7 @@ impl Ground {
         }
         Ok(Self {
             layers,
-            textures: TextureSet::new(&cache),
+            textures,
             placed,
         })
     }

@@ -36,6 +36,11 @@ impl TextureSet {
         }
     }
 
+    /// The memory that they share with other rasters.
+    pub fn cache(&self) -> &Arc<RasterCache> {
+        &self.cache
+    }
+
     /// The textures of some materials, in their order; those that are not there yet are read.
     ///
     /// # Errors
@@ -148,5 +153,151 @@ impl Rows for Masked<'_> {
         }
         self.next += 1;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::input::test_data::textures;
+    use crate::input::whole_file;
+    use glam::Vec2;
+    use std::path::Path;
+
+    /// A picture without order.
+    fn noise(width: u32, height: u32, seed: u32) -> image::RgbaImage {
+        image::RgbaImage::from_fn(width, height, |x, y| {
+            let h = (x * 7919 + y * 104_729 + seed).wrapping_mul(2_654_435_761);
+            image::Rgba((h ^ h >> 13).to_le_bytes())
+        })
+    }
+
+    fn color(path: &Path) -> Maps {
+        (Some(path.to_path_buf()), None)
+    }
+
+    /// Samples of all levels, between texels and across the seam.
+    fn samples(texture: &Texture) -> Vec<[u32; 4]> {
+        let mut all = Vec::new();
+        for level in 0..11 {
+            let mut sampler = texture.sampler(f32::powi(2.0, level));
+            for k in 0..400 {
+                let k = k as f32;
+                let uv = [
+                    Vec2::new(k * 0.0137, k * 0.0713 - 9.0),
+                    Vec2::new(-1e-4 * k, 1.0 + 1e-4 * k),
+                ];
+                all.extend(uv.map(|uv| sampler.at(uv).unwrap().map(f32::to_bits)));
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn samples_do_not_depend_on_the_memory() {
+        let dir = tempfile::tempdir().unwrap();
+        let budget = 100_000;
+        for (w, h) in [(1, 1), (3, 5), (257, 2), (900, 431)] {
+            let path = dir.path().join("a.png");
+            noise(w, h, 1).save(&path).unwrap();
+            let whole = textures().load(&[color(&path)]).unwrap();
+            let cache = RasterCache::new(budget, dir.path());
+            let parts = TextureSet::new(&cache).load(&[color(&path)]).unwrap();
+            let [whole, parts] = [whole, parts].map(|t| t[0].clone().unwrap());
+            assert_eq!(
+                (whole.size(), whole.has_alpha()),
+                (parts.size(), parts.has_alpha())
+            );
+            assert_eq!(whole.size(), (w, h));
+            assert!(samples(&whole) == samples(&parts), "{w} x {h}");
+            assert!(cache.peak_bytes() <= budget, "{}", cache.peak_bytes());
+            assert!(
+                w < 900 || cache.peak_bytes() > budget / 4 * 3,
+                "{}",
+                cache.peak_bytes()
+            );
+        }
+    }
+
+    #[test]
+    fn a_picture_is_read_once_whoever_names_it() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("sub")).unwrap();
+        let [a, b, again] = ["a.png", "b.png", "sub/../a.png"].map(|name| dir.path().join(name));
+        noise(4, 4, 1).save(&a).unwrap();
+        noise(4, 4, 2).save(&b).unwrap();
+        let mut set = textures();
+        let first = set
+            .load(&[color(&a), color(&again), (None, None), color(&b)])
+            .unwrap();
+        fs::remove_file(&b).unwrap();
+        let second = set.load(&[color(&b), color(&again)]).unwrap();
+        let same = |a: &Option<Arc<Texture>>, b: &Option<Arc<Texture>>| {
+            Arc::ptr_eq(a.as_ref().unwrap(), b.as_ref().unwrap())
+        };
+        assert!(first[2].is_none() && !same(&first[0], &first[3]));
+        assert!(same(&first[0], &first[1]) && same(&first[0], &second[1]) && same(&first[3], &second[0]));
+    }
+
+    #[test]
+    fn pictures_in_one_piece_are_read_as_memory_allows() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut all: Vec<Maps> = Vec::new();
+        for k in 0..8 {
+            let path = dir.path().join(format!("{k}.jpg"));
+            let picture = image::DynamicImage::from(noise(200, 200, k));
+            picture.into_rgb8().save(&path).unwrap();
+            all.push(color(&path));
+        }
+        let load = |budget: u64| {
+            let cache = RasterCache::new(budget, dir.path());
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
+            (
+                pool.install(|| TextureSet::new(&cache).load(&all)),
+                cache.peak_bytes(),
+            )
+        };
+        let need = whole_file::decoding_bytes(all[0].0.as_ref().unwrap()).unwrap();
+        let budget = 2 * need + need / 8;
+        let (read, peak) = load(budget);
+        assert!(
+            read.is_ok() && peak <= budget && peak > need,
+            "{peak} of {budget}"
+        );
+        let message = load(need).0.unwrap_err().to_string();
+        assert!(
+            message.contains(".jpg") && message.contains(&need.to_string()),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn a_mask_is_stretched_over_its_picture() {
+        let dir = tempfile::tempdir().unwrap();
+        let [picture, grey, alpha] = ["p.png", "grey.png", "alpha.png"].map(|name| dir.path().join(name));
+        image::RgbaImage::from_pixel(4, 2, image::Rgba([255, 0, 0, 128]))
+            .save(&picture)
+            .unwrap();
+        image::GrayImage::from_raw(2, 1, vec![0, 255])
+            .unwrap()
+            .save(&grey)
+            .unwrap();
+        image::RgbaImage::from_raw(1, 1, vec![255, 255, 255, 51])
+            .unwrap()
+            .save(&alpha)
+            .unwrap();
+        let maps = [
+            (Some(picture.clone()), Some(grey.clone())),
+            (None, Some(grey)),
+            (Some(picture), Some(alpha)),
+        ];
+        let read = textures().load(&maps).unwrap();
+        let opacity = |k: usize, u: f32| {
+            let texture = read[k].as_ref().unwrap();
+            (255.0 * texture.sampler(1.0).at(Vec2::new(u, 0.5)).unwrap()[3]).round()
+        };
+        assert_eq!([opacity(0, 0.25), opacity(0, 0.75)], [0.0, 128.0]);
+        assert_eq!([opacity(1, 0.25), opacity(1, 0.75)], [0.0, 255.0]);
+        assert_eq!([opacity(2, 0.25), opacity(2, 0.75)], [26.0, 26.0]);
     }
 }

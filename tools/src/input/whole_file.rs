@@ -169,3 +169,38 @@ impl<F: FnMut(DynamicImage, &mut [Cell]) -> Result<(), InputError>> Rows for Who
         (self.convert)(line, row)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_decoder_holds_of_a_jpeg() {
+        let file = |frame: u8, in_scan: u8| {
+            let mut file = vec![0xff, 0xd8, 0xff, 0xe0, 0, 4, 1, 2, 0xff];
+            file.extend([0xff, frame, 0, 17, 8, 0, 1, 0, 1, 3]);
+            file.extend([0; 9]);
+            // A table, which is no frame.
+            file.extend([0xff, 0xc4, 0, 10, 9, 9, 9, 9, 9, 9, 9, 9]);
+            file.extend([0xff, 0xda, 0, 12, in_scan, 0, 0, 0, 0, 0, 0, 0]);
+            file
+        };
+        let held = |bytes: &[u8]| first_scan(Cursor::new(bytes)).unwrap().map(|s| s.coefficients);
+        assert_eq!(held(&file(0xc0, 3)), Some(0));
+        assert_eq!(held(&file(0xc0, 1)), Some(6));
+        assert_eq!(held(&file(0xc2, 3)), Some(6));
+        assert_eq!(held(&file(0xc0, 3)[..30]), None);
+        assert_eq!(held(&file(0xc0, 3)[..3]), None);
+    }
+
+    #[test]
+    fn decoding_takes_pixels_and_file() {
+        let dir = tempfile::tempdir().unwrap();
+        for (name, each) in [("a.jpg", 3), ("a.bmp", 3), ("a.tga", 3)] {
+            let path = dir.path().join(name);
+            image::RgbImage::new(70, 30).save(&path).unwrap();
+            let file = fs::metadata(&path).unwrap().len();
+            assert_eq!(decoding_bytes(&path).unwrap(), 70 * 30 * each + file, "{name}");
+        }
+    }
+}
