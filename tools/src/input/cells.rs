@@ -154,10 +154,14 @@ pub(crate) type See<'a> = &'a mut dyn FnMut(u32, u32, &[Cell]);
 impl Cells {
     /// A raster in memory.
     pub(crate) fn whole(width: u32, height: u32, cells: Vec<Cell>) -> Self {
+        Self::kept((width, height), cells, None)
+    }
+
+    fn kept((width, height): (u32, u32), cells: Vec<Cell>, _held: Option<Held>) -> Self {
         Self {
             width,
             height,
-            store: Store::Whole { cells, _held: None },
+            store: Store::Whole { cells, _held },
         }
     }
 
@@ -179,14 +183,7 @@ impl Cells {
                 rows.next(row)?;
                 see(0, y as u32, row);
             }
-            return Ok(Self {
-                width,
-                height,
-                store: Store::Whole {
-                    cells,
-                    _held: Some(held),
-                },
-            });
+            return Ok(Self::kept(size, cells, Some(held)));
         }
         let mut row = 0;
         Self::scratch(size, cache, &mut |band| {
@@ -224,14 +221,7 @@ impl Cells {
                 let band = &mut cells[start..start + rows.len() * width as usize];
                 read_band(&*blocks, &grid, row, band, see)?;
             }
-            return Ok(Self {
-                width,
-                height,
-                store: Store::Whole {
-                    cells,
-                    _held: Some(held),
-                },
-            });
+            return Ok(Self::kept(grid.size, cells, Some(held)));
         }
         if block_bytes > cache.budget() / 4 {
             return Err(InputError::Memory {

@@ -3,6 +3,7 @@
 mod exact;
 mod filters;
 mod folder;
+mod memory;
 mod opacity;
 mod seams;
 
