@@ -1,7 +1,7 @@
 //! The file without a name in which rasters lie in blocks that do not fit into memory and cannot be read from their own files in
 //! parts.
 //!
-//! One for all rasters of a cache, however many they are: each takes a stretch of it, and none is given back before the process
+//! One for all rasters of a cache, however many they are: each takes a stretch of it, and none is given back before the cache
 //! ends. Any thread; one reads or writes at a time.
 
 use std::fs::File;
