@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use brickfell::input::demo::write_demo;
-use brickfell::input::{Mesh, UpAxis};
+use brickfell::input::{Mesh, RasterCache, TextureSet, UpAxis};
 
 /// Positions and texture coordinates of a triangle's corners.
 type Corners = [([f32; 3], [f32; 2]); 3];
@@ -42,7 +42,8 @@ fn by_tobj(path: &Path) -> Vec<Corners> {
 }
 
 fn by_us(path: &Path) -> Vec<Corners> {
-    let mesh = Mesh::load(path, UpAxis::Z).expect("we read it");
+    let cache = RasterCache::new(RasterCache::DEFAULT_BUDGET, std::env::temp_dir());
+    let mesh = Mesh::load(path, UpAxis::Z, &mut TextureSet::new(&cache)).expect("we read it");
     mesh.triangles
         .iter()
         .map(|t| {

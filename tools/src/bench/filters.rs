@@ -24,7 +24,7 @@ use super::filter_scenes::{FilterScene, scenes};
 use super::{Row, Settings, row};
 use crate::build::{BuildArgs, Filter, Silent, build};
 use crate::commands::CommandError;
-use crate::input::{HeightOptions, Inputs, RasterCache, UpAxis};
+use crate::input::{HeightOptions, InputError, Inputs, RasterCache, UpAxis};
 use crate::metrics::{compare, psnr};
 use crate::picture_file::linear_over_sky;
 use crate::truth::{Bottom, Truth};
@@ -162,10 +162,10 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
                     // More rays where pixels are few.
                     let side = if factor > 2 && !settings.quick { 16 } else { 8 };
                     let pictures = cameras(scene, factor)?.into_iter().map(|camera| {
-                        let picture = truth.render(&camera, &render, side, 0);
-                        (camera, picture)
+                        let picture = truth.render(&camera, &render, side, 0)?;
+                        Ok((camera, picture))
                     });
-                    truths.push(pictures.collect());
+                    truths.push(pictures.collect::<Result<_, InputError>>()?);
                 }
             }
             for (factor, truths) in FACTORS.iter().zip(&truths) {

@@ -17,7 +17,7 @@ use super::overlap::{Voxelise, for_each_cell};
 use super::sample::{Look, Sample};
 use super::spill::{Reader, Writer};
 use super::surface::{Facet, Shader};
-use crate::input::{Material, Placing};
+use crate::input::{InputError, Material, Placing};
 
 /// Block columns of a tile per axis.
 const TILE: i64 = 8;
@@ -111,7 +111,10 @@ impl Met {
 type Column = (BlockColumn<Cells<Sample>>, BlockColumn<Cells<Cover>>);
 
 /// Voxelises the finest level.
-pub(crate) fn voxelise(sources: &Sources) -> (Level, Met) {
+///
+/// # Errors
+/// If a part of a texture cannot be read.
+pub(crate) fn voxelise(sources: &Sources) -> Result<(Level, Met), InputError> {
     let extent = sources.region.support(0).blocks();
     let tiles = tiles(&extent);
     let lists = faces_by_tile(sources, &tiles);
@@ -119,7 +122,7 @@ pub(crate) fn voxelise(sources: &Sources) -> (Level, Met) {
         .par_iter()
         .zip(&lists)
         .map(|(tile, list)| voxelise_tile(sources, tile, list))
-        .collect();
+        .collect::<Result<_, _>>()?;
     let width = extent.hi[0] - extent.lo[0];
     let count = width * (extent.hi[1] - extent.lo[1]);
     let mut columns: Vec<Column> = (0..count).map(|_| Default::default()).collect();
@@ -132,7 +135,7 @@ pub(crate) fn voxelise(sources: &Sources) -> (Level, Met) {
     }
     let (samples, covers): (Vec<_>, Vec<_>) = columns.into_iter().unzip();
     let covers = sources.covers.then(|| Blocks::new(&extent, covers));
-    (Level::finest(Blocks::new(&extent, samples), covers), met)
+    Ok((Level::finest(Blocks::new(&extent, samples), covers), met))
 }
 
 /// Cuts an extent (in blocks) into tiles.
@@ -304,7 +307,7 @@ impl FacetBlocks {
     }
 }
 
-fn voxelise_tile(sources: &Sources, tile: &CellBox, faces: &[u32]) -> (Vec<Column>, Met) {
+fn voxelise_tile(sources: &Sources, tile: &CellBox, faces: &[u32]) -> Result<(Vec<Column>, Met), InputError> {
     let mut facets = FacetBlocks::new(tile);
     let clip = cells(tile);
     for number in faces {
@@ -313,11 +316,16 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, faces: &[u32]) -> (Vec<Colum
         // What a thin surface meets it covers as a whole.
         let whole = (sources.covers && sources.by == Voxelise::Thin).then_some(Cover::WHOLE);
         let outlines = sources.covers && whole.is_none();
-        let Some(shader) = Shader::new(binned, &corners, sources.materials, outlines) else {
+        let Some(mut shader) = Shader::new(binned, &corners, sources.materials, outlines) else {
             continue;
         };
+        let mut failed = None;
         for_each_cell(&corners, &clip, sources.by, |cell| {
-            let Some(facet) = shader.facet(cell) else { return };
+            let facet = match shader.facet(cell) {
+                Ok(Some(facet)) => facet,
+                Ok(None) => return,
+                Err(e) => return failed = Some(e),
+            };
             let facets = facets.at(cell);
             facets.add(&facet);
             if let Some(cover) = whole.or_else(|| shader.outline(cell)) {
@@ -326,6 +334,9 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, faces: &[u32]) -> (Vec<Colum
                     .with(thinned(cover, facet.skin, cell, binned.number as i64));
             }
         });
+        if let Some(e) = failed {
+            return Err(e);
+        }
     }
     let facets = facets.sorted();
     let own = sources.region.own;
@@ -373,7 +384,7 @@ fn voxelise_tile(sources: &Sources, tile: &CellBox, faces: &[u32]) -> (Vec<Colum
             (samples, covers)
         })
         .collect();
-    (columns, met)
+    Ok((columns, met))
 }
 
 /// The ground in one column of blocks.

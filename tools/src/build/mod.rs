@@ -62,8 +62,8 @@ pub use progress::{IndicatifProgress, Progress, Silent};
 pub use crate::input::HeightInput;
 use crate::input::placements::{self, Placement, Pose};
 use crate::input::{
-    Face, HeightOptions, HeightUnit, Layer, RasterCache, Streamed, TerrainRgb, UpAxis, highest_ground,
-    load_layers, mesh,
+    Face, HeightOptions, HeightUnit, Layer, RasterCache, Streamed, TerrainRgb, TextureSet, UpAxis,
+    highest_ground, load_layers, mesh,
 };
 use bins::Bins;
 use groups::GroupPlan;
@@ -79,7 +79,7 @@ pub const DEFAULT_LAYOUT: SampleLayout = SampleLayout::Centre;
 pub const DEFAULT_TREE_VOXELS: u32 = 512;
 /// Memory to work with unless told, bytes.
 pub const DEFAULT_MEMORY: u64 = 2 << 30;
-/// The part of the memory that height maps and imagery may take: one of so many. What is more of them stays on disk.
+/// The part of the memory that height maps, imagery and textures may take: one of so many. What is more of them stays on disk.
 const RASTERS_SHARE: u64 = 4;
 /// The part of the memory that faces may take: one of so many.
 const FACES_SHARE: u64 = 4;
@@ -209,6 +209,7 @@ fn check(args: &BuildArgs) -> Result<u8, BuildError> {
 /// What is in memory of the input before the lattice is known.
 struct Ground {
     layers: Vec<Layer>,
+    textures: TextureSet,
     /// Placed models, and where they stand.
     placed: Vec<(PathBuf, Vec<Pose>)>,
 }
@@ -220,8 +221,8 @@ impl Ground {
             terrain_rgb: args.terrain_rgb,
             ..HeightOptions::default()
         };
-        let cache = RasterCache::near(args.memory / RASTERS_SHARE, &args.out);
-        let layers = load_layers(&args.heights, options, &cache)?;
+        let textures = TextureSet::new(&RasterCache::near(args.memory / RASTERS_SHARE, &args.out));
+        let layers = load_layers(&args.heights, options, textures.cache())?;
         let mut placed = Vec::new();
         for list in &args.placements {
             for model in placements::read(list)? {
@@ -230,10 +231,19 @@ impl Ground {
                 placed.push((model.path, poses));
             }
         }
-        Ok(Self { layers, placed })
+        Ok(Self {
+            layers,
+            textures,
+            placed,
+        })
     }
 
-    fn build(&self, args: &BuildArgs, depth: u8, progress: &dyn Progress) -> Result<BuildReport, BuildError> {
+    fn build(
+        &mut self,
+        args: &BuildArgs,
+        depth: u8,
+        progress: &dyn Progress,
+    ) -> Result<BuildReport, BuildError> {
         let voxel = match args.voxel {
             Some(voxel) => voxel,
             None => self.default_voxel(args)?,
@@ -251,7 +261,9 @@ impl Ground {
         let mut files = Vec::new();
         let mut read = |path: &Path, poses: &[Pose]| {
             let first = faces.materials.len() as u32;
-            let mesh = stream_posed(path, args.up, poses, |new| faces.add(new, first))?;
+            let mesh = stream_posed(path, args.up, poses, &mut self.textures, |new| {
+                faces.add(new, first)
+            })?;
             faces.materials.extend(mesh.materials);
             warnings.extend(mesh.warnings);
             files.extend(mesh.files);
@@ -268,7 +280,7 @@ impl Ground {
     }
 
     /// The smallest pixel of height maps, else a part of the longest side of the meshes.
-    fn default_voxel(&self, args: &BuildArgs) -> Result<f64, BuildError> {
+    fn default_voxel(&mut self, args: &BuildArgs) -> Result<f64, BuildError> {
         let pixels = self.layers.iter().map(|l| l.map.pixel_size().min_element());
         if let Some(pixel) = pixels.reduce(f64::min) {
             return Ok(pixel);
@@ -276,7 +288,7 @@ impl Ground {
         let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let meshes = args.inputs.iter().map(|path| (path, &[] as &[Pose]));
         for (path, poses) in meshes.chain(self.placed.iter().map(|(path, poses)| (path, &poses[..]))) {
-            stream_posed(path, args.up, poses, |faces| {
+            stream_posed(path, args.up, poses, &mut self.textures, |faces| {
                 for p in faces.iter().flat_map(|f| f.corners) {
                     (min, max) = (min.min(p), max.max(p));
                 }
@@ -295,15 +307,16 @@ fn stream_posed(
     path: &Path,
     up: UpAxis,
     poses: &[Pose],
+    textures: &mut TextureSet,
     mut each: impl FnMut(&[Face]) -> Result<(), BuildError>,
 ) -> Result<Streamed, BuildError> {
     let Some((first, others)) = poses.split_first() else {
-        return mesh::stream(path, up, each);
+        return mesh::stream(path, up, textures, each);
     };
     let mut kept = Some(Vec::new()).filter(|_| !others.is_empty());
     let mut place =
         |faces: &[Face], pose: &Pose| each(&faces.iter().map(|f| pose.face(f)).collect::<Vec<_>>());
-    let streamed = mesh::stream(path, up, |faces| {
+    let streamed = mesh::stream(path, up, textures, |faces| {
         if let Some(all) = &mut kept {
             all.extend_from_slice(faces);
         }
@@ -314,7 +327,7 @@ fn stream_posed(
         match &kept {
             Some(faces) => place(faces, pose)?,
             None => {
-                mesh::stream(path, up, |faces| place(faces, pose))?;
+                mesh::stream(path, up, textures, |faces| place(faces, pose))?;
             }
         }
     }

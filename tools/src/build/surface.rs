@@ -5,7 +5,7 @@ use glam::{DVec2, DVec3, Vec3};
 use super::faces::Binned;
 use super::filter::{Cover, Outlines};
 use super::overlap::closest_point;
-use crate::input::{Corners, Material, Placing};
+use crate::input::{Corners, InputError, Material, Placing, Sampler};
 
 /// Skin of opaque surfaces: over-saturated, so that interpolation does not see through.
 const OPAQUE_SKIN: f32 = 2.0;
@@ -29,8 +29,7 @@ pub(crate) struct Shader<'a> {
     base: DVec3,
     local: [DVec3; 3],
     face: Vec3,
-    /// Texels that a voxel spans.
-    texels: f32,
+    texture: Option<Sampler<'a>>,
     outlines: Option<Outlines>,
 }
 
@@ -48,11 +47,12 @@ impl<'a> Shader<'a> {
         let base = corners[0].floor();
         let local = corners.map(|p| p - base);
         let face = (local[1] - local[0]).cross(local[2] - local[0]);
-        let texels = material.texture.as_ref().map_or(0.0, |t| {
+        let texture = material.texture.as_ref().map(|t| {
             let (w, h) = t.size();
             let [a, b] = [at.uv[1] - at.uv[0], at.uv[2] - at.uv[0]]
                 .map(|d| d.as_dvec2() * DVec2::new(f64::from(w), f64::from(h)));
-            (a.perp_dot(b).abs() / face.length().max(f64::MIN_POSITIVE)).sqrt() as f32
+            // Texels that a voxel spans.
+            t.sampler((a.perp_dot(b).abs() / face.length().max(f64::MIN_POSITIVE)).sqrt() as f32)
         });
         Some(Self {
             at,
@@ -60,7 +60,7 @@ impl<'a> Shader<'a> {
             base,
             local,
             face: face.normalize_or_zero().as_vec3(),
-            texels,
+            texture,
             outlines: covers.then(|| Outlines::new(&local, base.to_array().map(|b| b as i64))),
         })
     }
@@ -72,21 +72,26 @@ impl<'a> Shader<'a> {
     }
 
     /// The look in a cell, taken at the triangle's nearest point to the cell's middle; `None` where it is clear.
+    ///
+    /// # Errors
+    /// If a part of the texture cannot be read.
     #[inline]
-    pub(crate) fn facet(&self, cell: [i64; 3]) -> Option<Facet> {
+    pub(crate) fn facet(&mut self, cell: [i64; 3]) -> Result<Option<Facet>, InputError> {
         let middle = DVec3::from_array(cell.map(|c| c as f64)) - self.base + 0.5;
         let w = closest_point(&self.local, middle).map(|w| w as f32);
-        let look = self.at.look(self.material, w, self.face, self.texels)?;
-        let skin = if self.material.cutout {
-            look.alpha
-        } else {
-            OPAQUE_SKIN
-        };
-        Some(Facet {
-            skin,
-            alpha: look.alpha,
-            rgb: look.rgb,
-            normal: look.normal.to_array(),
-        })
+        let look = self.at.look(self.material, self.texture.as_mut(), w, self.face)?;
+        Ok(look.map(|look| {
+            let skin = if self.material.cutout {
+                look.alpha
+            } else {
+                OPAQUE_SKIN
+            };
+            Facet {
+                skin,
+                alpha: look.alpha,
+                rgb: look.rgb,
+                normal: look.normal.to_array(),
+            }
+        }))
     }
 }

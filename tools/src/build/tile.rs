@@ -144,7 +144,7 @@ impl Tile {
             inside: inside.as_ref(),
             by: terrain.voxelise,
             covers: terrain.filter.covers(),
-        });
+        })?;
         drop(faces);
         let occupied = !level.samples.is_empty_in(&self.region.own.blocks());
         let mut hints = Hints::finest(&grids, &support);

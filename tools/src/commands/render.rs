@@ -83,7 +83,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         }
         let truth = Truth::new(&input.meshes, &input.layers, &Bottom::Boxes(boxes))?;
         let rays_per_axis = f64::from(args.rays).sqrt().ceil() as u32;
-        (truth.render(&camera, &settings, rays_per_axis, 0), faults)
+        (truth.render(&camera, &settings, rays_per_axis, 0)?, faults)
     } else if args.reference {
         (
             Reference::open(store, &terrain.scene)?

@@ -1,14 +1,17 @@
-//! The memory that rasters share: a bounded cache of their blocks, and the folder for those that have to be laid out anew.
+//! The memory that rasters share (height maps, imagery, textures of meshes): a bounded cache of their blocks, and the file for
+//! those that have to be laid out anew.
 //!
-//! Whole rasters are kept as long as they take no more than half of the budget together; blocks of the others share
-//! what is left, least recently used first out. Bytes count from before a block is read until its last user lets go of
-//! it or it leaves the cache, whichever the cache sees first. Any thread.
+//! Whole rasters are kept as long as they take no more than 3/8 of the budget together; a picture that has to be decoded as a
+//! whole takes up to a half, and 1/8 is for laying it out. Blocks of the others share what is left, least recently used first
+//! out. Bytes count from before a block is read until its last user lets go of it or it leaves the cache, whichever the cache
+//! sees first. Any thread.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::error::InputError;
+use super::scratch::ScratchFile;
 
 /// Four bytes of a raster: a height (f32, little-endian) or a colour (red, green, blue, alpha).
 pub(crate) type Cell = [u8; 4];
@@ -20,7 +23,7 @@ type Key = (u32, u64);
 #[derive(Debug)]
 pub struct RasterCache {
     budget: u64,
-    scratch: PathBuf,
+    scratch: ScratchFile,
     state: Mutex<State>,
 }
 
@@ -59,12 +62,12 @@ impl RasterCache {
     /// Rasters unless told, bytes.
     pub const DEFAULT_BUDGET: u64 = 512 << 20;
 
-    /// A cache of at most `budget` bytes. Files without a name are made in `scratch` when a raster does not fit and
-    /// its own file cannot be read in parts; they are gone when the process ends.
+    /// A cache of at most `budget` bytes. A file without a name is made in `scratch` when a raster does not fit and
+    /// its own file cannot be read in parts; it is gone when the process ends.
     pub fn new(budget: u64, scratch: impl Into<PathBuf>) -> Arc<Self> {
         Arc::new(Self {
             budget,
-            scratch: scratch.into(),
+            scratch: ScratchFile::new(scratch.into()),
             state: Mutex::default(),
         })
     }
@@ -84,14 +87,24 @@ impl RasterCache {
         self.budget
     }
 
-    pub(crate) fn scratch(&self) -> &Path {
+    /// Most that a file may take which has to be read in one piece.
+    pub(crate) fn whole_file(&self) -> u64 {
+        self.budget / 2
+    }
+
+    /// Most that rows take while a raster is laid out.
+    pub(crate) fn bands(&self) -> u64 {
+        self.budget / 8
+    }
+
+    pub(crate) fn scratch(&self) -> &ScratchFile {
         &self.scratch
     }
 
     /// Takes memory for a whole raster, if there is enough.
     pub(crate) fn hold(self: &Arc<Self>, bytes: u64) -> Option<Held> {
         let mut state = self.lock();
-        if state.held.saturating_add(bytes) > self.budget / 2 {
+        if state.held.saturating_add(bytes) > self.budget / 8 * 3 {
             return None;
         }
         state.held += bytes;
@@ -218,12 +231,12 @@ mod tests {
     }
 
     #[test]
-    fn whole_rasters_take_at_most_half() {
-        let cache = RasterCache::new(100, "");
-        let held = cache.hold(50).unwrap();
+    fn whole_rasters_take_at_most_their_part() {
+        let cache = RasterCache::new(80, "");
+        let held = cache.hold(30).unwrap();
         assert!(cache.hold(1).is_none());
         drop(held);
-        assert!(cache.hold(51).is_none());
-        assert!(cache.hold(50).is_some());
+        assert!(cache.hold(31).is_none());
+        assert!(cache.hold(30).is_some());
     }
 }

@@ -7,21 +7,20 @@
 
 use std::borrow::Cow;
 use std::fmt::Debug;
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom, Write};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::path::Path;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use super::block_cache::{Cell, Held, RasterCache};
 use super::error::InputError;
+use super::scratch::Scratch;
 
 /// Bytes of a pixel.
 pub(crate) const CELL: u64 = size_of::<Cell>() as u64;
 /// Side of a block of a scratch file, pixels, unless rows are too long for it.
-const BLOCK: u32 = 256;
+pub(crate) const BLOCK: u32 = 256;
 
 /// A raster that is read from top to bottom.
 pub(crate) trait Rows {
@@ -47,7 +46,7 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    fn across(&self) -> u32 {
+    pub(crate) fn across(&self) -> u32 {
         self.size.0.div_ceil(self.block.0)
     }
 
@@ -73,21 +72,34 @@ impl Grid {
 pub(crate) struct Cells {
     pub(crate) width: u32,
     pub(crate) height: u32,
-    store: Store,
+    pub(super) store: Store,
 }
 
+/// How it is kept.
 #[derive(Debug)]
-enum Store {
-    Whole {
-        cells: Vec<Cell>,
-        _held: Option<Held>,
-    },
-    Parts {
-        number: u32,
-        grid: Grid,
-        blocks: Box<dyn Blocks>,
-        cache: Arc<RasterCache>,
-    },
+pub(super) enum Store {
+    Whole { cells: Vec<Cell>, _held: Option<Held> },
+    Parts(Parts),
+}
+
+/// A raster that is read in blocks.
+#[derive(Debug)]
+pub(super) struct Parts {
+    number: u32,
+    pub(super) grid: Grid,
+    blocks: Box<dyn Blocks>,
+    cache: Arc<RasterCache>,
+}
+
+impl Parts {
+    /// All pixels of the block in a column and row of blocks.
+    pub(super) fn block(&self, column: u32, row: u32) -> Result<Arc<[Cell]>, InputError> {
+        let (columns, rows) = self.grid.area(column, row);
+        let number = u64::from(row) * u64::from(self.grid.across()) + u64::from(column);
+        let bytes = (columns.len() * rows.len()) as u64 * CELL;
+        self.cache
+            .block((self.number, number), bytes, || self.blocks.read(column, row))
+    }
 }
 
 /// A rectangle of a raster's pixels.
@@ -142,10 +154,14 @@ pub(crate) type See<'a> = &'a mut dyn FnMut(u32, u32, &[Cell]);
 impl Cells {
     /// A raster in memory.
     pub(crate) fn whole(width: u32, height: u32, cells: Vec<Cell>) -> Self {
+        Self::kept((width, height), cells, None)
+    }
+
+    fn kept((width, height): (u32, u32), cells: Vec<Cell>, _held: Option<Held>) -> Self {
         Self {
             width,
             height,
-            store: Store::Whole { cells, _held: None },
+            store: Store::Whole { cells, _held },
         }
     }
 
@@ -167,14 +183,7 @@ impl Cells {
                 rows.next(row)?;
                 see(0, y as u32, row);
             }
-            return Ok(Self {
-                width,
-                height,
-                store: Store::Whole {
-                    cells,
-                    _held: Some(held),
-                },
-            });
+            return Ok(Self::kept(size, cells, Some(held)));
         }
         let mut row = 0;
         Self::scratch(size, cache, &mut |band| {
@@ -212,14 +221,7 @@ impl Cells {
                 let band = &mut cells[start..start + rows.len() * width as usize];
                 read_band(&*blocks, &grid, row, band, see)?;
             }
-            return Ok(Self {
-                width,
-                height,
-                store: Store::Whole {
-                    cells,
-                    _held: Some(held),
-                },
-            });
+            return Ok(Self::kept(grid.size, cells, Some(held)));
         }
         if block_bytes > cache.budget() / 4 {
             return Err(InputError::Memory {
@@ -272,12 +274,12 @@ impl Cells {
         Self {
             width: grid.size.0,
             height: grid.size.1,
-            store: Store::Parts {
+            store: Store::Parts(Parts {
                 number: cache.raster(),
                 grid,
                 blocks,
                 cache: Arc::clone(cache),
-            },
+            }),
         }
     }
 
@@ -288,35 +290,21 @@ impl Cells {
         fill: &mut dyn FnMut(&mut [Cell]) -> Result<(), InputError>,
     ) -> Result<Self, InputError> {
         let row_bytes = u64::from(size.0) * CELL;
-        let rows = (cache.budget() / 8 / row_bytes).clamp(1, u64::from(BLOCK)) as u32;
+        // A band, and the block of it that is written.
+        let rows = (cache.bands() / 2 / row_bytes).clamp(1, u64::from(BLOCK)) as u32;
         let grid = Grid {
             size,
             block: (BLOCK.min(size.0), rows.min(size.1)),
         };
-        let path = cache.scratch();
-        let fault = |e| InputError::io(path, e);
-        let mut file = tempfile::tempfile_in(path).map_err(fault)?;
+        let blocks = Scratch::new(cache, grid);
         let _used = cache.borrow(2 * row_bytes * u64::from(grid.block.1));
         let mut band = vec![Cell::default(); size.0 as usize * grid.block.1 as usize];
         for row in 0..grid.down() {
             let (_, rows) = grid.area(0, row);
             let band = &mut band[..rows.len() * size.0 as usize];
             fill(band)?;
-            for column in 0..grid.across() {
-                let (columns, _) = grid.area(column, row);
-                let mut bytes = Vec::with_capacity(columns.len() * rows.len() * CELL as usize);
-                for line in band.chunks(size.0 as usize) {
-                    bytes
-                        .extend_from_slice(line[columns.start as usize..columns.end as usize].as_flattened());
-                }
-                file.write_all(&bytes).map_err(fault)?;
-            }
+            blocks.write(row, band)?;
         }
-        let blocks = Scratch {
-            path: path.to_path_buf(),
-            file: Mutex::new(file),
-            grid,
-        };
         Ok(Self::parts(grid, Box::new(blocks), cache))
     }
 
@@ -333,12 +321,8 @@ impl Cells {
                 stride: self.width as usize,
                 cells: Cow::Borrowed(cells),
             }),
-            Store::Parts {
-                number,
-                grid,
-                blocks,
-                cache,
-            } => {
+            Store::Parts(parts) => {
+                let grid = &parts.grid;
                 let cut = |r: Range<u32>, size: u32| {
                     let end = r.end.min(size);
                     r.start.min(end)..end
@@ -353,9 +337,7 @@ impl Cells {
                 for y in touched(&rows, grid.block.1) {
                     for x in touched(&columns, grid.block.0) {
                         let (bc, br) = grid.area(x, y);
-                        let key = (*number, u64::from(y) * u64::from(grid.across()) + u64::from(x));
-                        let bytes = (bc.len() * br.len()) as u64 * CELL;
-                        let block = cache.block(key, bytes, || blocks.read(x, y))?;
+                        let block = parts.block(x, y)?;
                         let (left, right) = (bc.start.max(columns.start), bc.end.min(columns.end));
                         let n = (right - left) as usize;
                         for row in br.start.max(rows.start)..br.end.min(rows.end) {
@@ -375,6 +357,17 @@ impl Cells {
                 })
             }
         }
+    }
+
+    /// Copies a row of pixels.
+    ///
+    /// # Errors
+    /// If a block cannot be read.
+    pub(crate) fn copy_row(&self, row: u32, to: &mut [Cell]) -> Result<(), InputError> {
+        let window = self.window(0..self.width, row..row.saturating_add(1))?;
+        let from = window.row(row as usize, 0..self.width as usize);
+        to.iter_mut().zip(from).for_each(|(to, from)| *to = *from);
+        Ok(())
     }
 
     /// All pixels.
@@ -414,29 +407,6 @@ fn read_band(
         see(0, row, cells);
     }
     Ok(())
-}
-
-/// A raster laid out in blocks in a file without a name.
-#[derive(Debug)]
-struct Scratch {
-    /// The folder, for messages.
-    path: PathBuf,
-    file: Mutex<File>,
-    grid: Grid,
-}
-
-impl Blocks for Scratch {
-    fn read(&self, column: u32, row: u32) -> Result<Vec<Cell>, InputError> {
-        let (columns, rows) = self.grid.area(column, row);
-        let before = u64::from(rows.start) * u64::from(self.grid.size.0)
-            + u64::from(columns.start) * rows.len() as u64;
-        let mut cells = vec![Cell::default(); columns.len() * rows.len()];
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        file.seek(SeekFrom::Start(before * CELL))
-            .and_then(|_| file.read_exact(cells.as_flattened_mut()))
-            .map_err(|e| InputError::io(&self.path, e))?;
-        Ok(cells)
-    }
 }
 
 #[cfg(test)]

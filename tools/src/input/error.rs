@@ -97,7 +97,7 @@ pub enum InputError {
         what: String,
     },
     /// A part of the file that can only be read as one is too large for the memory that rasters may use.
-    #[error("{}: {bytes} bytes have to be read at once, and {budget} are allowed; a tiled TIFF needs less", path.display())]
+    #[error("{}: {bytes} bytes have to be read at once, and {budget} are allowed; a tiled TIFF or a PNG that is not interlaced needs less", path.display())]
     Memory {
         /// The file.
         path: PathBuf,

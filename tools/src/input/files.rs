@@ -9,6 +9,7 @@ use super::heights::HeightOptions;
 use super::layer::{Layer, highest_ground, load_layers};
 use super::mesh::{Mesh, UpAxis};
 use super::placements;
+use super::texture_set::TextureSet;
 
 /// A height map, with the picture that lies over it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,8 +30,8 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Reads meshes (OBJ), lists of placements and height maps, these as far as `cache` has room for them and else in parts when they are
-    /// asked for.
+    /// Reads meshes (OBJ), lists of placements and height maps; pictures, these and textures, as far as `cache` has room for them and else
+    /// in parts when they are asked for.
     ///
     /// # Errors
     /// The first file that cannot be used.
@@ -43,13 +44,14 @@ impl Inputs {
         cache: &Arc<RasterCache>,
     ) -> Result<Self, InputError> {
         let layers = load_layers(heights, options, cache)?;
+        let mut textures = TextureSet::new(cache);
         let mut loaded = Vec::new();
         for path in meshes {
-            loaded.push(Mesh::load(path, up)?);
+            loaded.push(Mesh::load(path, up, &mut textures)?);
         }
         for list in placements {
             for model in placements::read(list)? {
-                let mesh = Mesh::load(&model.path, up)?;
+                let mesh = Mesh::load(&model.path, up, &mut textures)?;
                 let first = loaded.len();
                 for placement in &model.placements {
                     let pose = placement.pose(list, |x, y| highest_ground(&layers, x, y))?;

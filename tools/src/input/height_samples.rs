@@ -11,10 +11,11 @@ use super::cells::{Blocks, Cells, See};
 use super::error::InputError;
 use super::georef::Placement;
 use super::heights::{HeightOptions, HeightUnit, TerrainRgb};
-use super::image_file::{self, Kind, WholeRows, check_size};
+use super::image_file::{self, Kind, check_size};
 use super::png_rows::{self, PngRows};
 use super::ranges::Ranges;
 use super::tiff_file::Tiff;
+use super::whole_file::WholeRows;
 use super::{ascii_grid, hgt, usgs_dem};
 
 /// Heights beyond this many units up or down are taken for nodata.
@@ -184,22 +185,28 @@ impl HeightFile {
             };
             return Cells::from_rows(&mut PngRows::new(path, reader, convert), cache, see);
         }
-        let (image, _used) = image_file::decode_within(path, cache)?;
-        let (width, height) = (image.width(), image.height());
-        let cells: Vec<Cell> = match (image, rgb) {
-            (DynamicImage::ImageLuma8(image), _) => {
-                image.as_raw().iter().map(|v| metres.cell((*v).into())).collect()
+        let convert = |line: DynamicImage, row: &mut [Cell]| {
+            match (line, rgb) {
+                (DynamicImage::ImageLuma8(line), _) => {
+                    for (cell, value) in row.iter_mut().zip(line.as_raw()) {
+                        *cell = metres.cell((*value).into());
+                    }
+                }
+                (DynamicImage::ImageLuma16(line), _) => {
+                    for (cell, value) in row.iter_mut().zip(line.as_raw()) {
+                        *cell = metres.cell((*value).into());
+                    }
+                }
+                (line, Some(rgb)) => {
+                    for (cell, pixel) in row.iter_mut().zip(line.into_rgba8().pixels()) {
+                        *cell = rgb.cell(&metres, &pixel.0);
+                    }
+                }
+                (other, None) => return Err(one_band(path, usize::from(other.color().channel_count()))),
             }
-            (DynamicImage::ImageLuma16(image), _) => {
-                image.as_raw().iter().map(|v| metres.cell((*v).into())).collect()
-            }
-            (image, Some(rgb)) => {
-                let image = image.into_rgba8();
-                image.pixels().map(|p| rgb.cell(&metres, &p.0)).collect()
-            }
-            (other, None) => return Err(one_band(path, usize::from(other.color().channel_count()))),
+            Ok(())
         };
-        Cells::from_rows(&mut WholeRows::new(width, height, cells), cache, see)
+        Cells::from_rows(&mut WholeRows::open(path, cache, convert)?, cache, see)
     }
 }
 

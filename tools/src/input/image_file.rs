@@ -3,19 +3,20 @@
 //! The kind of file is taken from its first bytes, and only then from its name. Called from any thread.
 
 use std::fs;
-use std::io::{BufReader, Cursor, Read};
+use std::io::{BufReader, Read};
 use std::path::Path;
 use std::sync::Arc;
 
-use image::{ImageDecoder, ImageError, ImageFormat, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageReader};
 use tiff::ColorType;
 use tiff::decoder::DecodingResult;
 
-use super::block_cache::{Cell, Held, RasterCache};
-use super::cells::{Blocks, Cells, Rows, See};
+use super::block_cache::{Cell, RasterCache};
+use super::cells::{BLOCK, Blocks, CELL, Cells, See};
 use super::error::InputError;
 use super::png_rows::{self, PngRows};
 use super::tiff_file::{self, Tiff, TiffImage};
+use super::whole_file::{self, WholeRows};
 
 /// Longest side of an image that is read, pixels.
 pub const MAX_SIDE: u32 = 1 << 22;
@@ -84,9 +85,9 @@ pub(crate) fn look(path: &Path) -> Result<PictureInfo, InputError> {
     }
     let file = fs::File::open(path).map_err(|e| InputError::io(path, e))?;
     let mut reader = ImageReader::new(BufReader::new(file));
-    reader.set_format(format(path)?);
+    reader.set_format(whole_file::format(path)?);
     reader.no_limits();
-    let decoder = reader.into_decoder().map_err(|e| fault(path, e))?;
+    let decoder = reader.into_decoder().map_err(|e| whole_file::fault(path, e))?;
     let (width, height) = decoder.dimensions();
     check_size(path, width, height)?;
     let color = decoder.color_type();
@@ -108,74 +109,12 @@ pub(crate) fn size(path: &Path) -> Result<(u32, u32), InputError> {
     Ok((picture.width, picture.height))
 }
 
-/// The format of a picture that is decoded as a whole, by its first bytes, else by its name.
-fn format(path: &Path) -> Result<ImageFormat, InputError> {
-    let start = file_start(path)?;
-    let format = image::guess_format(&start)
-        .ok()
-        .or_else(|| ImageFormat::from_path(path).ok());
-    match format {
-        Some(f @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::Bmp | ImageFormat::Tga)) => Ok(f),
-        _ => Err(InputError::unsupported(
-            path,
-            "not a PNG, JPEG, BMP, TGA or TIFF image, ASCII grid, SRTM tile (.hgt) or USGS DEM (.dem)",
-        )),
-    }
-}
-
-/// Decodes as [`decode`] does, if the picture and what decoding takes fit half of what rasters may use.
-pub(crate) fn decode_within(
-    path: &Path,
-    cache: &Arc<RasterCache>,
-) -> Result<(image::DynamicImage, Held), InputError> {
-    let picture = look(path)?;
-    let file = fs::metadata(path).map_err(|e| InputError::io(path, e))?.len();
-    // The decoder's pixels and ours.
-    let bytes = u64::from(picture.width) * u64::from(picture.height) * 8 + file;
-    if bytes > cache.budget() / 2 {
-        return Err(InputError::Memory {
-            path: path.to_path_buf(),
-            bytes,
-            budget: cache.budget() / 2,
-        });
-    }
-    let used = cache.borrow(bytes);
-    Ok((decode(path)?, used))
-}
-
-/// Rows of a raster that had to be decoded as a whole.
-pub(crate) struct WholeRows {
-    size: (u32, u32),
-    cells: std::vec::IntoIter<Cell>,
-}
-
-impl WholeRows {
-    pub(crate) fn new(width: u32, height: u32, cells: Vec<Cell>) -> Self {
-        Self {
-            size: (width, height),
-            cells: cells.into_iter(),
-        }
-    }
-}
-
-impl Rows for WholeRows {
-    fn size(&self) -> (u32, u32) {
-        self.size
-    }
-
-    fn next(&mut self, row: &mut [Cell]) -> Result<(), InputError> {
-        row.iter_mut()
-            .zip(&mut self.cells)
-            .for_each(|(to, from)| *to = from);
-        Ok(())
-    }
-}
-
-/// Reads a colour image of any size.
+/// Reads a colour image of any size. `see` sees all of its pixels if it is given.
 pub(crate) fn read_colors(
     path: &Path,
     nodata: Option<u8>,
     cache: &Arc<RasterCache>,
+    see: Option<See>,
 ) -> Result<Cells, InputError> {
     let clear = move |pixels: &mut [Cell]| {
         if let Some(code) = nodata {
@@ -188,9 +127,10 @@ pub(crate) fn read_colors(
     if Kind::of(path)? == Kind::Tiff {
         let tiff = Tiff::open(path)?;
         let grid = tiff.grid();
-        return Cells::from_blocks(path, grid, Box::new(TiffColors { tiff, nodata }), cache, None);
+        return Cells::from_blocks(path, grid, Box::new(TiffColors { tiff, nodata }), cache, see);
     }
-    let see: See = &mut |_, _, _| ();
+    let mut nothing = |_: u32, _: u32, _: &[Cell]| ();
+    let see: See = see.unwrap_or(&mut nothing);
     if let Some(reader) = png_rows::open(path)? {
         let (channels, sixteen) = png_rows::layout(&reader);
         check_size(path, reader.info().width, reader.info().height)?;
@@ -213,14 +153,27 @@ pub(crate) fn read_colors(
         return Cells::from_rows(&mut PngRows::new(path, reader, convert), cache, see);
     }
     let is_jpeg = file_start(path)?.get(..2) == Some(&[0xff, 0xd8]);
-    let (image, _used) = decode_within(path, cache)?;
-    let image = image.into_rgba8();
-    let (width, height) = image.dimensions();
-    let mut pixels = image.into_raw().as_chunks::<4>().0.to_vec();
-    if !is_jpeg {
-        clear(&mut pixels);
-    }
-    Cells::from_rows(&mut WholeRows::new(width, height, pixels), cache, see)
+    let convert = |line: DynamicImage, row: &mut [Cell]| {
+        row.copy_from_slice(line.into_rgba8().as_chunks().0);
+        if !is_jpeg {
+            clear(row);
+        }
+        Ok(())
+    };
+    Cells::from_rows(&mut WholeRows::open(path, cache, convert)?, cache, see)
+}
+
+/// Bytes that [`read_colors`] takes, at most, beside the memory in which the picture is kept.
+pub(crate) fn reading_bytes(path: &Path, cache: &RasterCache) -> Result<u64, InputError> {
+    let (width, height) = size(path)?;
+    let decoding = if Kind::of(path)? == Kind::Tiff {
+        (u64::from(width) * u64::from(height) * CELL).min(cache.budget() / 4)
+    } else if png_rows::open(path)?.is_some() {
+        0
+    } else {
+        whole_file::decoding_bytes(path)?
+    };
+    Ok(decoding + (2 * u64::from(BLOCK) * u64::from(width) * CELL).min(cache.bands()))
 }
 
 /// Colours of a TIFF file, by its strips or tiles.
@@ -300,51 +253,6 @@ pub(crate) fn file_start(path: &Path) -> Result<Vec<u8>, InputError> {
     Ok(start)
 }
 
-/// Decodes PNG, JPEG, BMP or TGA.
-pub(crate) fn decode(path: &Path) -> Result<image::DynamicImage, InputError> {
-    let bytes = fs::read(path).map_err(|e| InputError::io(path, e))?;
-    let format = format(path)?;
-    if format == ImageFormat::Jpeg && !jpeg_is_complete(&bytes) {
-        return Err(InputError::damaged(
-            path,
-            "the JPEG file is cut short (no end marker)",
-        ));
-    }
-    let reader = || ImageReader::with_format(Cursor::new(bytes.as_slice()), format);
-    let (width, height) = reader().into_dimensions().map_err(|e| fault(path, e))?;
-    check_whole(path, width, height)?;
-    let mut reader = reader();
-    reader.no_limits();
-    reader.decode().map_err(|e| fault(path, e))
-}
-
-fn fault(path: &Path, error: ImageError) -> InputError {
-    match error {
-        ImageError::Unsupported(e) => InputError::unsupported(path, e.to_string()),
-        ImageError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
-            InputError::damaged(path, "the image file is cut short")
-        }
-        e => InputError::damaged(path, e),
-    }
-}
-
-/// Whether an end-of-image marker follows the first scan. The decoder is lenient and would fill a missing rest with grey.
-fn jpeg_is_complete(bytes: &[u8]) -> bool {
-    let mut at = 2;
-    while let Some(&[0xff, marker, hi, lo]) = bytes.get(at..at + 4) {
-        if marker == 0xda {
-            return bytes[at..].windows(2).rev().any(|pair| pair == [0xff, 0xd9]);
-        }
-        // Fill bytes before a marker are legal.
-        at += if marker == 0xff {
-            1
-        } else {
-            2 + usize::from(u16::from_be_bytes([hi, lo]))
-        };
-    }
-    false
-}
-
 impl Raster {
     /// Reads an image file.
     ///
@@ -354,7 +262,7 @@ impl Raster {
         if tiff_file::is_tiff(&file_start(path)?) {
             return from_tiff(path, tiff_file::read_image(path)?);
         }
-        let image = decode(path)?.into_rgba8();
+        let image = whole_file::decode(path, u64::MAX)?.into_rgba8();
         let (width, height) = image.dimensions();
         let pixels = image.into_raw().as_chunks::<4>().0.to_vec();
         Ok(Raster {

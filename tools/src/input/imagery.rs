@@ -70,7 +70,7 @@ impl Imagery {
         let code = placement
             .nodata
             .filter(|v| (0.0..=255.0).contains(v) && v.fract() == 0.0);
-        let cells = read_colors(path, code.map(|code| code as u8), cache)?;
+        let cells = read_colors(path, code.map(|code| code as u8), cache, None)?;
         let placement = placement.over(
             ground,
             (heights.width, heights.height),

@@ -2,7 +2,9 @@
 
 use glam::{Vec2, Vec3};
 
+use super::error::InputError;
 use super::mesh::{Material, Mesh, Triangle};
+use super::texture::Sampler;
 
 /// Opacity up to which a texel shows nothing: half a step of the stored alpha.
 const CLEAR: f32 = 0.5 / 255.0;
@@ -33,17 +35,26 @@ impl Corners {
     /// The look at a point given by weights of the corners; `None` where it is clear.
     ///
     /// The normal is interpolated between the corners', as long as they have a direction, and `face` elsewhere.
-    /// `footprint_texels` is how many texels the point stands for, see [`super::Texture::sample`].
+    /// `texture` is the material's.
+    ///
+    /// # Errors
+    /// If a part of the texture cannot be read.
     #[inline]
-    pub fn look(&self, material: &Material, w: [f32; 3], face: Vec3, footprint_texels: f32) -> Option<Look> {
+    pub fn look(
+        &self,
+        material: &Material,
+        texture: Option<&mut Sampler>,
+        w: [f32; 3],
+        face: Vec3,
+    ) -> Result<Option<Look>, InputError> {
         let [mut r, mut g, mut b, mut alpha] = material.color;
-        if let Some(texture) = &material.texture {
+        if let Some(texture) = texture {
             let uv = (0..3).fold(Vec2::ZERO, |uv, k| uv + self.uv[k] * w[k]);
-            let [tr, tg, tb, ta] = texture.sample(uv, footprint_texels);
+            let [tr, tg, tb, ta] = texture.at(uv)?;
             (r, g, b, alpha) = (r * tr, g * tg, b * tb, alpha * ta);
         }
         if alpha <= CLEAR {
-            return None;
+            return Ok(None);
         }
         if let Some(colors) = &self.colors {
             let mut c = [0.0f32; 3];
@@ -59,11 +70,11 @@ impl Corners {
             .map(Vec3::normalize_or_zero)
             .filter(|n| *n != Vec3::ZERO)
             .unwrap_or(face);
-        Some(Look {
+        Ok(Some(Look {
             alpha,
             rgb: [r, g, b],
             normal,
-        })
+        }))
     }
 }
 
@@ -82,10 +93,23 @@ impl Mesh {
         }
     }
 
-    /// The look of a triangle at a point given by weights of its corners; see [`Corners::look`].
-    pub fn look(&self, triangle: &Triangle, w: [f32; 3], face: Vec3, footprint_texels: f32) -> Option<Look> {
-        let material = self.materials.get(usize::from(triangle.material))?;
+    /// The look of a triangle at a point given by weights of its corners; see [`Corners::look`]. The point stands for
+    /// `footprint_texels`, see [`super::Texture::sampler`].
+    ///
+    /// # Errors
+    /// Those of [`Corners::look`].
+    pub fn look(
+        &self,
+        triangle: &Triangle,
+        w: [f32; 3],
+        face: Vec3,
+        footprint_texels: f32,
+    ) -> Result<Option<Look>, InputError> {
+        let Some(material) = self.materials.get(usize::from(triangle.material)) else {
+            return Ok(None);
+        };
+        let mut texture = material.texture.as_ref().map(|t| t.sampler(footprint_texels));
         self.at_corners(triangle)
-            .look(material, w, face, footprint_texels)
+            .look(material, texture.as_mut(), w, face)
     }
 }

@@ -15,6 +15,7 @@ use super::obj::{self, Corner, ObjFile, ObjTriangle};
 use super::placements::Pose;
 use super::surfaces::{Used, load_materials, read_libraries, resolve};
 use super::texture::Texture;
+use super::texture_set::TextureSet;
 
 /// Which axis of a file points up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,7 +78,7 @@ impl Mesh {
     ///
     /// # Errors
     /// A missing file, a number that is not finite, an index out of range, no triangle at all, a damaged texture.
-    pub fn load(path: &Path, up: UpAxis) -> Result<Mesh, InputError> {
+    pub fn load(path: &Path, up: UpAxis, textures: &mut TextureSet) -> Result<Mesh, InputError> {
         let mut triangles: Vec<ObjTriangle> = Vec::new();
         let file = obj::read(path, |_, new| {
             triangles.extend_from_slice(new);
@@ -90,7 +91,7 @@ impl Mesh {
         }
         let mut mesh = Mesh::default();
         let in_use = materials_in_use(&triangles, file.material_names.len());
-        let (used, _) = file.materials(path, &in_use, &mut mesh)?;
+        let (used, _) = file.materials(path, &in_use, textures, &mut mesh)?;
 
         let triangle = |(corners, material): &([Corner; 3], u32)| {
             let map = used
@@ -162,6 +163,7 @@ impl ObjFile {
         &self,
         path: &Path,
         in_use: &[bool],
+        textures: &mut TextureSet,
         mesh: &mut Mesh,
     ) -> Result<(Vec<Used>, Vec<PathBuf>), InputError> {
         if self.material_names.len() > MAX_MATERIALS {
@@ -175,7 +177,7 @@ impl ObjFile {
         let library = read_libraries(path, folder, &self.libraries, &mut mesh.warnings)?;
         let used = resolve(path, &self.material_names, in_use, &library, &mut mesh.warnings);
         let mut files = library.files.clone();
-        mesh.materials = load_materials(&used, &library, &mut mesh.warnings, &mut files)?;
+        mesh.materials = load_materials(&used, &library, textures, &mut mesh.warnings, &mut files)?;
         Ok((used, files))
     }
 }
@@ -227,6 +229,7 @@ pub struct Streamed {
 pub fn stream<E: From<InputError>>(
     path: &Path,
     up: UpAxis,
+    textures: &mut TextureSet,
     mut each: impl FnMut(&[Face]) -> Result<(), E>,
 ) -> Result<Streamed, E> {
     let turned = |p: DVec3| match up {
@@ -274,7 +277,7 @@ pub fn stream<E: From<InputError>>(
     }
     in_use.resize(file.material_names.len(), false);
     let mut mesh = Mesh::default();
-    let (used, files) = file.materials(path, &in_use, &mut mesh)?;
+    let (used, files) = file.materials(path, &in_use, textures, &mut mesh)?;
     let placing = |used: Used| {
         let map = used.found.and_then(|m| m.color_map);
         map.map_or(Placing::NONE, |m| Placing {
@@ -305,11 +308,15 @@ fn materials_in_use(triangles: &[ObjTriangle], names: usize) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::input::test_data::data;
+    use crate::input::test_data::{data, textures};
     use std::fs;
 
     const TRIANGLE: &str =
         "v 1 2 3\nv 2 2 3\nv 1 3 3\nvt 0 0\nvt 3 0\nvt 0 -2\nvn 0 1 0\nf 1/1/1 2/2/1 3/3/1\n";
+
+    fn load(path: &Path, up: UpAxis) -> Result<Mesh, InputError> {
+        Mesh::load(path, up, &mut textures())
+    }
 
     fn write(dir: &Path, name: &str, text: &str) -> PathBuf {
         let path = dir.join(name);
@@ -321,11 +328,11 @@ mod tests {
     fn y_up_is_turned() {
         let dir = tempfile::tempdir().unwrap();
         let path = write(dir.path(), "a.obj", TRIANGLE);
-        let mesh = Mesh::load(&path, UpAxis::Y).unwrap();
+        let mesh = load(&path, UpAxis::Y).unwrap();
         assert_eq!(mesh.positions[0], DVec3::new(1.0, -3.0, 2.0));
         assert_eq!(mesh.normals[0], Vec3::Z);
         assert_eq!(mesh.triangles[0].uv[2], Vec2::new(0.0, -2.0));
-        let mesh = Mesh::load(&path, UpAxis::Z).unwrap();
+        let mesh = load(&path, UpAxis::Z).unwrap();
         assert_eq!(
             mesh.bounds(),
             (DVec3::new(1.0, 2.0, 3.0), DVec3::new(2.0, 3.0, 3.0))
@@ -341,14 +348,14 @@ mod tests {
             "a.obj",
             &format!("mtllib none.mtl\nusemtl wood\n{TRIANGLE}"),
         );
-        let mesh = Mesh::load(&path, UpAxis::Z).unwrap();
+        let mesh = load(&path, UpAxis::Z).unwrap();
         assert!(
             mesh.warnings[0].contains("none.mtl") && mesh.warnings[1].contains("'wood'"),
             "{:?}",
             mesh.warnings
         );
         write(dir.path(), "none.mtl", "newmtl wood\nKd 1 0 0\nmap_Kd gone.png\n");
-        let mesh = Mesh::load(&path, UpAxis::Z).unwrap();
+        let mesh = load(&path, UpAxis::Z).unwrap();
         assert!(
             mesh.warnings[0].contains("'wood'") && mesh.warnings[0].contains("gone.png"),
             "{:?}",
@@ -363,7 +370,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = write(dir.path(), "a.obj", "v 0 0 0\n# nothing\n");
         assert!(matches!(
-            Mesh::load(&path, UpAxis::Z),
+            load(&path, UpAxis::Z),
             Err(InputError::EmptyMesh { .. })
         ));
         let path = write(
@@ -374,12 +381,12 @@ mod tests {
         write(dir.path(), "a.mtl", "newmtl m\nmap_Kd broken.png\n");
         write(dir.path(), "broken.png", "\u{89}PNG");
         assert!(
-            Mesh::load(&path, UpAxis::Z)
+            load(&path, UpAxis::Z)
                 .unwrap_err()
                 .to_string()
                 .contains("broken.png")
         );
-        let message = Mesh::load(&dir.path().join("no.obj"), UpAxis::Z)
+        let message = load(&dir.path().join("no.obj"), UpAxis::Z)
             .unwrap_err()
             .to_string();
         assert!(message.contains("no.obj"), "{message}");
@@ -407,12 +414,12 @@ mod tests {
             .unwrap()
             .save(dir.path().join("sub/mask.png"))
             .unwrap();
-        let mesh = Mesh::load(&path, UpAxis::Z).unwrap();
+        let mesh = load(&path, UpAxis::Z).unwrap();
         let material = &mesh.materials[mesh.triangles[0].material as usize];
         assert!(material.cutout && material.color == [1.0; 4]);
         let texture = material.texture.as_ref().unwrap();
-        assert_eq!(texture.sample(Vec2::new(0.25, 0.5), 1.0)[3], 0.0);
-        let green = texture.sample(Vec2::new(0.75, 0.5), 1.0);
+        assert_eq!(texture.sampler(1.0).at(Vec2::new(0.25, 0.5)).unwrap()[3], 0.0);
+        let green = texture.sampler(1.0).at(Vec2::new(0.75, 0.5)).unwrap();
         assert!(
             green[1] > 0.99 && (green[3] - 128.0 / 255.0).abs() < 1e-5,
             "{green:?}"
@@ -425,7 +432,7 @@ mod tests {
         let Some(path) = data("landform_pit_obj/landform_pit.obj") else {
             return;
         };
-        let mesh = Mesh::load(&path, UpAxis::Y).unwrap();
+        let mesh = load(&path, UpAxis::Y).unwrap();
         assert_eq!(
             (mesh.triangles.len(), mesh.warnings.len()),
             (177_950, 0),
@@ -437,7 +444,7 @@ mod tests {
         let Some(path) = data("flightgear_sf_obj/scene.obj") else {
             return;
         };
-        let mesh = Mesh::load(&path, UpAxis::Z).unwrap();
+        let mesh = load(&path, UpAxis::Z).unwrap();
         assert_eq!(
             (mesh.triangles.len(), mesh.warnings.len()),
             (86_013, 0),

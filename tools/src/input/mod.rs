@@ -2,7 +2,7 @@
 //!
 //! - [`heights`] and [`imagery`]: height maps and the pictures laid over them, placed by [`georef`], of any size, read
 //!   through a [`RasterCache`];
-//! - [`mesh`]: OBJ models with materials and [`texture`]s, and [`placements`] of them;
+//! - [`mesh`]: OBJ models with materials and [`texture`]s, these in the same cache, and [`placements`] of them;
 //! - [`Inputs`]: all of them together; [`Layer`] and [`Look`] say what they show at a place;
 //! - [`demo`]: a terrain made from a seed, written as the files a user would bring.
 //!
@@ -33,19 +33,23 @@ mod materials;
 pub mod mesh;
 mod obj;
 mod pam;
+mod pixels;
 mod place;
 pub mod placements;
 mod png_rows;
 mod ranges;
 #[cfg(test)]
 mod raster_tests;
+mod scratch;
 mod surfaces;
 mod survey;
 #[cfg(test)]
 mod test_data;
 pub mod texture;
+mod texture_set;
 mod tiff_file;
 mod usgs_dem;
+mod whole_file;
 mod wkt;
 mod world_file;
 
@@ -61,4 +65,5 @@ pub(crate) use layer::{LayerView, highest_ground};
 pub use look::{Corners, Look};
 pub(crate) use mapping::Columns;
 pub use mesh::{Face, Material, Mesh, Placing, Streamed, Triangle, UpAxis};
-pub use texture::Texture;
+pub use texture::{Sampler, Texture};
+pub use texture_set::TextureSet;

@@ -1,17 +1,15 @@
-//! From material names to materials: libraries looked up, textures found and loaded in parallel, opacity maps combined.
+//! From material names to materials: libraries looked up, textures found.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use super::error::InputError;
-use super::image_file::Raster;
 use super::linear::linear_of;
 use super::materials::{self, MtlMaterial};
 use super::mesh::Material;
 use super::texture::Texture;
+use super::texture_set::{Maps, TextureSet};
 
 /// A material name of the mesh and what the libraries say about it.
 pub(crate) struct Used {
@@ -99,13 +97,11 @@ pub(crate) fn resolve(
     names.iter().zip(in_use.iter().copied()).map(resolve).collect()
 }
 
-/// The files of a material's colour and of its opacity.
-type Maps = (Option<PathBuf>, Option<PathBuf>);
-
-/// Loads the textures, each once, and makes one material of each name, in their order. Their files are added to `files`.
+/// Loads the textures and makes one material of each name, in their order. Their files are added to `files`.
 pub(crate) fn load_materials(
     used: &[Used],
     library: &Library,
+    textures: &mut TextureSet,
     warnings: &mut Vec<String>,
     files: &mut Vec<PathBuf>,
 ) -> Result<Vec<Material>, InputError> {
@@ -151,13 +147,7 @@ pub(crate) fn load_materials(
             .flatten()
             .cloned(),
     );
-    let textures: HashMap<Maps, Arc<Texture>> = wanted
-        .into_par_iter()
-        .map(|maps| Ok((maps.clone(), Arc::new(load_texture(&maps)?))))
-        .collect::<Result<_, InputError>>()?;
-
-    let material = |(used, maps): (&Used, Maps)| {
-        let texture = textures.get(&maps).cloned();
+    let material = |(used, texture): (&Used, Option<Arc<Texture>>)| {
         let color = used
             .found
             .as_ref()
@@ -172,40 +162,5 @@ pub(crate) fn load_materials(
             cutout,
         }
     };
-    Ok(used.iter().zip(maps).map(material).collect())
-}
-
-/// One texture out of a colour picture and an opacity picture, either of which may be missing.
-fn load_texture((color, alpha): &Maps) -> Result<Texture, InputError> {
-    let mask = alpha.as_deref().map(Raster::load).transpose()?;
-    let mut raster = match (color, &mask) {
-        (Some(path), _) => Raster::load(path)?,
-        (None, Some(mask)) => Raster {
-            pixels: vec![[255; 4]; mask.pixels.len()],
-            ..*mask
-        },
-        (None, None) => Raster {
-            width: 1,
-            height: 1,
-            pixels: vec![[255; 4]],
-        },
-    };
-    if let Some(mask) = mask {
-        // A mask with an alpha channel keeps the opacity there, otherwise in its brightness.
-        let own_alpha = mask.pixels.iter().any(|p| p[3] < 255);
-        let width = raster.width;
-        for (i, pixel) in raster.pixels.iter_mut().enumerate() {
-            let (x, y) = (i as u64 % u64::from(width), i as u64 / u64::from(width));
-            let column = x * u64::from(mask.width) / u64::from(width);
-            let row = y * u64::from(mask.height) / u64::from(raster.height);
-            let [r, g, b, a] = mask.pixel(column as u32, row as u32);
-            let opacity = if own_alpha {
-                u32::from(a)
-            } else {
-                (u32::from(r) + u32::from(g) + u32::from(b)) / 3
-            };
-            pixel[3] = ((u32::from(pixel[3]) * opacity + 127) / 255) as u8;
-        }
-    }
-    Ok(Texture::new(raster))
+    Ok(used.iter().zip(textures.load(&maps)?).map(material).collect())
 }

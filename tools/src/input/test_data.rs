@@ -2,6 +2,9 @@
 
 use std::path::PathBuf;
 
+use super::block_cache::RasterCache;
+use super::texture_set::TextureSet;
+
 /// A file of the real test data (folder `BRICKFELL_DATA`, or `shared/data` beside the repository), if present.
 pub(crate) fn data(name: &str) -> Option<PathBuf> {
     let root = std::env::var_os("BRICKFELL_DATA").map_or_else(
@@ -14,6 +17,14 @@ pub(crate) fn data(name: &str) -> Option<PathBuf> {
     }
     println!("skipped: {} is not there", path.display());
     None
+}
+
+/// No textures yet, and room for many.
+pub(crate) fn textures() -> TextureSet {
+    TextureSet::new(&RasterCache::new(
+        RasterCache::DEFAULT_BUDGET,
+        std::env::temp_dir(),
+    ))
 }
 
 /// A value of a TIFF tag.

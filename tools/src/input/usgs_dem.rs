@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use glam::DVec2;
 
-use super::block_cache::{Cell, RasterCache};
+use super::block_cache::{Cell, Held, RasterCache};
 use super::cells::{CELL, Rows};
 use super::crs::Crs;
 use super::error::InputError;
@@ -268,6 +268,7 @@ pub(crate) struct Dem {
     /// From the north.
     heights: Vec<Cell>,
     next: usize,
+    _used: Held,
 }
 
 impl Dem {
@@ -276,14 +277,14 @@ impl Dem {
         let header = Header::read(path)?;
         let (width, height) = (header.size.0 as usize, header.size.1 as usize);
         let bytes = (width * height) as u64 * CELL;
-        if bytes > cache.budget() / 2 {
+        if bytes > cache.whole_file() {
             return Err(InputError::Memory {
                 path: path.to_path_buf(),
                 bytes,
-                budget: cache.budget() / 2,
+                budget: cache.whole_file(),
             });
         }
-        let _used = cache.borrow(bytes);
+        let used = cache.borrow(bytes);
         let mut heights = vec![metres.cell(f64::NAN); width * height];
         let mut file = BufReader::new(File::open(path).map_err(|e| InputError::io(path, e))?);
         let mut bytes = Vec::new();
@@ -312,6 +313,7 @@ impl Dem {
             size: header.size,
             heights,
             next: 0,
+            _used: used,
         })
     }
 }

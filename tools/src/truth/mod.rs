@@ -121,20 +121,23 @@ impl<'a> Truth<'a> {
 
     /// Draws a picture of the camera's size with `rays_per_axis`² rays a pixel: premultiplied linear light, alpha the
     /// share of the rays that was stopped. The same seed gives the same picture.
+    ///
+    /// # Errors
+    /// If a part of a texture cannot be read.
     pub fn render(
         &self,
         camera: &Camera,
         settings: &RenderSettings,
         rays_per_axis: u32,
         seed: u64,
-    ) -> Picture {
+    ) -> Result<Picture, InputError> {
         let (width, height) = (camera.width as usize, camera.height as usize);
         let rays_per_axis = rays_per_axis.clamp(1, MAX_RAYS_PER_AXIS);
         let mut pixels = vec![[0f32; 4]; width * height];
         pixels
             .par_chunks_mut(width.max(1))
             .enumerate()
-            .for_each(|(row, pixels)| {
+            .try_for_each(|(row, pixels)| {
                 for (column, pixel) in pixels.iter_mut().enumerate() {
                     let key = (row * width + column) as u64;
                     let mut random = Random::new(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ key);
@@ -144,31 +147,35 @@ impl<'a> Truth<'a> {
                         let [x, y] =
                             part.map(|p| (f64::from(p) + random.unit()) / f64::from(rays_per_axis) - 0.5);
                         let d = camera.ray(column as f64 + x, row as f64 + y);
-                        let rgba = self.cast(camera.eye, d, settings);
+                        let rgba = self.cast(camera.eye, d, settings)?;
                         (0..4).for_each(|c| sum[c] += rgba[c]);
                     }
                     *pixel = sum.map(|c| (c / f64::from(rays_per_axis.pow(2))) as f32);
                 }
-            });
-        Picture {
+                Ok(())
+            })?;
+        Ok(Picture {
             width: camera.width,
             height: camera.height,
             pixels,
-        }
+        })
     }
 
     /// How far the first surface along a ray is, in lengths of its direction.
-    pub fn depth(&self, eye: DVec3, direction: DVec3) -> Option<f64> {
-        self.next_hit(eye, direction, None).map(|hit| hit.depth)
+    ///
+    /// # Errors
+    /// Those of [`Self::render`].
+    pub fn depth(&self, eye: DVec3, direction: DVec3) -> Result<Option<f64>, InputError> {
+        Ok(self.next_hit(eye, direction, None)?.map(|hit| hit.depth))
     }
 
     /// Premultiplied linear light and opacity along one ray.
-    fn cast(&self, eye: DVec3, d: DVec3, settings: &RenderSettings) -> [f64; 4] {
+    fn cast(&self, eye: DVec3, d: DVec3, settings: &RenderSettings) -> Result<[f64; 4], InputError> {
         let mut sum = [0.0; 4];
         let mut left = 1.0;
         let mut after = None;
         while left > DARK
-            && let Some(hit) = self.next_hit(eye, d, after)
+            && let Some(hit) = self.next_hit(eye, d, after)?
         {
             let Look { alpha, rgb, normal } = hit.look;
             let light = if normal == Vec3::ZERO {
@@ -182,12 +189,13 @@ impl<'a> Truth<'a> {
             left *= 1.0 - alpha;
             after = Some((hit.depth, hit.number));
         }
-        sum
+        Ok(sum)
     }
 
     /// The first hit behind another one, in order of depth and number.
-    fn next_hit(&self, eye: DVec3, d: DVec3, after: Option<(f64, usize)>) -> Option<Hit> {
+    fn next_hit(&self, eye: DVec3, d: DVec3, after: Option<(f64, usize)>) -> Result<Option<Hit>, InputError> {
         let mut best: Option<Hit> = None;
+        let mut failed = None;
         let shear = Shear::new(d);
         let from = after.map_or(0.0, |(depth, _)| depth);
         self.boxes.visit(eye, d, from, |number| {
@@ -211,14 +219,18 @@ impl<'a> Truth<'a> {
                     let (depth, w) = shear.meet(&corners).filter(|(depth, _)| is_next(*depth))?;
                     let face = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
                     let face = face.normalize_or_zero().as_vec3();
-                    let look = mesh.look(triangle, w.map(|w| w as f32), face, 0.0)?;
+                    let look = mesh.look(triangle, w.map(|w| w as f32), face, 0.0);
+                    let look = look.unwrap_or_else(|e| {
+                        failed = Some(e);
+                        None
+                    })?;
                     Some(Hit { depth, number, look })
                 })
             };
             best = hit.or(best);
             best.as_ref().map_or(f64::INFINITY, |best| best.depth)
         });
-        best
+        failed.map_or(Ok(best), Err)
     }
 
     fn triangle(&self, number: usize) -> Option<(&'a Mesh, &'a Triangle)> {

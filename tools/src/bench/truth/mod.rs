@@ -88,7 +88,8 @@ struct Judge {
 impl Judge {
     fn new(truth: &Truth<'_>, view: &View, render: &RenderSettings) -> Result<Self, CommandError> {
         let camera = view.camera;
-        let [mut picture, other] = [1, 2].map(|seed| truth.render(&camera, render, RAYS, seed));
+        let draw = |seed| truth.render(&camera, render, RAYS, seed);
+        let [mut picture, other] = [draw(1)?, draw(2)?];
         let seen = [&picture, &other].map(|p| linear_over_sky(p, &camera));
         // Of the mean of the two, half the variance of one.
         let floor = noise_floor(&seen[0], &seen[1])?.powi(2) * 0.5;

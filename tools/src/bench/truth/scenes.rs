@@ -190,7 +190,7 @@ impl Scene {
         let hi = self.boxes.iter().fold(DVec3::NEG_INFINITY, |hi, b| hi.max(b[1]));
         let above = |p: DVec2| {
             let eye = p.extend(hi.z + 1.0);
-            let depth = truth.depth(eye, DVec3::NEG_Z).ok_or_else(|| {
+            let depth = truth.depth(eye, DVec3::NEG_Z)?.ok_or_else(|| {
                 CommandError::new(
                     format!("there is no ground at {p}, the middle of the scene"),
                     "is this the input that the database was built from?",

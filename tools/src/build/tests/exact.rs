@@ -56,7 +56,8 @@ fn check(triangles: &[[DVec3; 3]], far: DVec3) {
             inside: None,
             by: Voxelise::Conservative,
             covers: false,
-        });
+        })
+        .unwrap();
         let own = tile.region.own;
         let before = met.len();
         for z in own.lo[2]..own.hi[2] {

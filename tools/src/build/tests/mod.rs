@@ -3,6 +3,7 @@
 mod exact;
 mod filters;
 mod folder;
+mod memory;
 mod opacity;
 mod seams;
 
@@ -68,7 +69,7 @@ pub(crate) fn painted(mut layer: Layer, color: impl Fn(u32, u32) -> [u8; 3]) -> 
 
 /// A parallelogram with texture coordinates 0..1 along its edges.
 pub(crate) fn sheet(corner: DVec3, u: DVec3, v: DVec3, texture: Option<Raster>) -> Mesh {
-    let texture = texture.map(|t| std::sync::Arc::new(Texture::new(t)));
+    let texture = texture.map(|t| std::sync::Arc::new(Texture::of(t)));
     let cutout = texture.as_ref().is_some_and(|t| t.has_alpha());
     let uv = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
     let triangle = |v: [u32; 3]| Triangle {

@@ -107,7 +107,8 @@ fn constants_expand_to_what_bricks_would_store() {
                 inside: None,
                 by: Voxelise::Conservative,
                 covers: filter.covers(),
-            });
+            })
+            .unwrap();
             let mut hints = Hints::finest(&grids, &support);
             for mip in 0..=lattice.depth {
                 if mip > 0 {

@@ -149,6 +149,7 @@ fn save(path: &Path, save: impl Fn(&Path) -> image::ImageResult<()>) -> Result<(
 mod tests {
     use super::*;
     use crate::input::layer::load_layer;
+    use crate::input::test_data::textures;
     use crate::input::{HeightOptions, Mesh};
 
     #[test]
@@ -179,7 +180,7 @@ mod tests {
 
         assert!(demo.trees >= 300, "{} trees", demo.trees);
         for path in &demo.meshes {
-            let mesh = Mesh::load(path, demo.up).unwrap();
+            let mesh = Mesh::load(path, demo.up, &mut textures()).unwrap();
             assert!(mesh.warnings.is_empty(), "{:?}", mesh.warnings);
             let (min, max) = mesh.bounds();
             assert!(min.min_element() > 0.0 && max.x < DEFAULT_SIZE && max.y < DEFAULT_SIZE);

@@ -25,7 +25,7 @@ fn a_ramp_is_met_where_it_is() {
         let target = dvec3(random.between(1.0, 39.0), random.between(1.0, 39.0), 0.0);
         let target = target.with_z(0.5 * target.x - 0.25 * target.y);
         let away = random_point(&mut random, 1.0) + DVec3::Z * 1.8;
-        let hit = truth.next_hit(target + 30.0 * away, -away, None).unwrap();
+        let hit = truth.hit(target + 30.0 * away, -away, None).unwrap();
         assert!(
             (hit.depth - 30.0).abs() < 1e-5,
             "{target} from {away}: {}",
@@ -57,7 +57,7 @@ fn bumpy_ground_is_met_first_where_a_fine_walk_meets_it() {
         if d == DVec3::ZERO {
             continue;
         }
-        let hit = truth.next_hit(eye, d, None);
+        let hit = truth.hit(eye, d, None);
         let end = hit.map_or(100.0, |h| h.depth);
         let steps = 4000;
         for s in 0..steps {
@@ -92,7 +92,7 @@ fn ground_is_solid_to_its_bottom_and_closed_at_its_sides() {
     let layers = [painted(layer(20, DVec2::ZERO, height), [255, 0, 0])];
     let truth = Truth::new(&[], &layers, &Bottom::Level(-3.0)).unwrap();
     let depth = |eye: DVec3, d: DVec3| {
-        let hit = truth.next_hit(eye, d, None)?;
+        let hit = truth.hit(eye, d, None)?;
         assert!(
             (hit.look.rgb[0] - 1.0).abs() < 1e-6 && hit.look.rgb[1] == 0.0,
             "{eye} {d}: {:?}",
@@ -140,7 +140,7 @@ fn the_bottom_is_that_of_the_boxes() {
         (31.1, -1.0),
         (39.9, -1.0),
     ] {
-        let hit = truth.next_hit(dvec3(x, 20.2, -50.0), DVec3::Z, None).unwrap();
+        let hit = truth.hit(dvec3(x, 20.2, -50.0), DVec3::Z, None).unwrap();
         assert_eq!(hit.depth, 50.0 + bottom, "{x}");
     }
 }

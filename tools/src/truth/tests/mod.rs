@@ -28,6 +28,16 @@ fn layer(n: u32, corner: DVec2, height: impl Fn(f64, f64) -> f64) -> Layer {
     Layer { map, imagery: None }
 }
 
+impl Truth<'_> {
+    fn hit(&self, eye: DVec3, d: DVec3, after: Option<(f64, usize)>) -> Option<Hit> {
+        self.next_hit(eye, d, after).unwrap()
+    }
+
+    fn draw(&self, camera: &Camera, settings: &RenderSettings, rays_per_axis: u32, seed: u64) -> Picture {
+        self.render(camera, settings, rays_per_axis, seed).unwrap()
+    }
+}
+
 fn material(color: [f32; 4], texture: Option<Texture>) -> Material {
     Material {
         name: "m".into(),
@@ -82,7 +92,7 @@ fn a_plane_has_its_light_and_its_back_is_not_turned() {
     ] {
         let meshes = [mesh(&triangles, material(GREY, None))];
         let truth = Truth::new(&meshes, &[], &Bottom::Level(0.0)).unwrap();
-        let picture = truth.render(&down(10.0, 4.0, 5), &settings, 3, 7);
+        let picture = truth.draw(&down(10.0, 4.0, 5), &settings, 3, 7);
         for pixel in picture.pixels {
             assert_eq!(pixel[3], 1.0, "no ray passes between the two triangles");
             for c in 0..3 {
@@ -102,7 +112,7 @@ fn coverage_of_a_pixel_is_that_of_its_area() {
     let meshes = [mesh(&square(-0.35, -0.6, 9.0, 9.0, 0.0), material(GREY, None))];
     let truth = Truth::new(&meshes, &[], &Bottom::Level(0.0)).unwrap();
     let n = 16;
-    let picture = truth.render(&down(100.0, 4.0, 4), &RenderSettings::default(), n, 1);
+    let picture = truth.draw(&down(100.0, 4.0, 4), &RenderSettings::default(), n, 1);
     let share = |low: f64, edge: f64| (low + 1.0 - edge).clamp(0.0, 1.0);
     for (k, pixel) in picture.pixels.iter().enumerate() {
         let (x, y) = ((k % 4) as f64 - 2.0, 1.0 - (k / 4) as f64);
@@ -148,7 +158,7 @@ fn the_hierarchy_misses_nothing() {
                 (depth >= 0.0).then_some((depth, k))
             });
             let brute = brute.reduce(|a, b| if b < a { b } else { a });
-            let hit = truth.next_hit(eye, d, None).map(|h| (h.depth, h.number));
+            let hit = truth.hit(eye, d, None).map(|h| (h.depth, h.number));
             assert_eq!(hit, brute);
             hits += u32::from(hit.is_some());
         }
@@ -182,10 +192,10 @@ fn all_directions_leave_a_closed_box_at_its_faces() {
         if d == DVec3::ZERO {
             continue;
         }
-        let hit = truth.next_hit(DVec3::ZERO, d, None).unwrap();
+        let hit = truth.hit(DVec3::ZERO, d, None).unwrap();
         assert_eq!(hit.depth, 1.0 / d.abs().max_element(), "{d}");
         // From outside, the same face from the other side.
-        let hit = truth.next_hit(d * 8.0, -d, None).unwrap();
+        let hit = truth.hit(d * 8.0, -d, None).unwrap();
         assert_eq!(hit.depth, 8.0 - 1.0 / d.abs().max_element(), "{d}");
     }
 }
@@ -198,7 +208,7 @@ fn cut_out_surfaces_let_through_what_they_do_not_cover() {
         ..RenderSettings::default()
     };
     let texel = |alpha: u8| {
-        Texture::new(Raster {
+        Texture::of(Raster {
             width: 1,
             height: 1,
             pixels: vec![[255, 255, 255, alpha]],
@@ -217,7 +227,7 @@ fn cut_out_surfaces_let_through_what_they_do_not_cover() {
     let camera = down(10.0, 2.0, 1);
     let draw = |meshes: &[Mesh]| {
         let truth = Truth::new(meshes, &[], &Bottom::Level(0.0)).unwrap();
-        truth.render(&camera, &unlit, 2, 0).pixels[0]
+        truth.draw(&camera, &unlit, 2, 0).pixels[0]
     };
     let close = |a: [f32; 4], b: [f64; 4]| {
         (0..4).for_each(|c| assert!((f64::from(a[c]) - b[c]).abs() < 1e-6, "{a:?} is not {b:?}"));
@@ -243,7 +253,7 @@ fn pictures_are_the_same_far_from_the_origin() {
         let truth = Truth::new(&meshes, &layers, &Bottom::Level(offset.z - 8.0)).unwrap();
         let eye = offset + dvec3(-9.0, -14.0, 13.0);
         let camera = Camera::look_at(eye, offset + dvec3(12.0, 12.0, 1.0), 55.0, 32, 24).unwrap();
-        truth.render(&camera, &RenderSettings::default(), 4, 1)
+        truth.draw(&camera, &RenderSettings::default(), 4, 1)
     };
     let here = draw(DVec3::ZERO);
     let covered = here.pixels.iter().filter(|p| p[3] == 1.0).count();
@@ -268,7 +278,7 @@ fn a_seed_gives_one_picture_whatever_the_number_of_threads() {
             .num_threads(threads)
             .build()
             .unwrap();
-        pool.install(|| truth.render(&camera, &RenderSettings::default(), 3, seed))
+        pool.install(|| truth.draw(&camera, &RenderSettings::default(), 3, seed))
     };
     assert_eq!(draw(1, 5), draw(3, 5));
     assert_ne!(draw(1, 5), draw(1, 6));
