@@ -61,7 +61,7 @@ fn damaged_octrees_are_named_with_the_place() {
     );
     assert_eq!(
         spoilt(&|b| b[8] = 9),
-        "byte 8: octree version 9 is unknown (this reads 1)"
+        "byte 8: octree version 9 is unknown (this reads 2)"
     );
     assert!(spoilt(&|b| b[12] ^= 1).starts_with("byte "));
     for keep in [0, 10, 70, length / 2, length - 1] {
