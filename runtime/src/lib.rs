@@ -9,7 +9,8 @@
 //! | [`memory`] | the pools on the device, uploads | render |
 //! | [`caster`] | ray caster, compaction, ring of read-backs | render |
 //! | [`bias`] | footprint bias that keeps the working set in the pool | render |
-//! | [`mod@reference`] | the CPU reference: the same rules in f64 by other code | any, parallel inside |
+//! | `march` | the rules of a ray on the CPU, in f64 and f32 | any |
+//! | [`mod@reference`] | the CPU reference: those rules in f64 over everything in the files | any, parallel inside |
 //! | [`gpu`], [`picture`], [`settings`], [`error`] | device, pictures, settings, errors | any |
 //! | `testing` | trees in memory for tests; only with the feature of that name | any |
 
@@ -17,6 +18,7 @@ pub mod bias;
 pub mod caster;
 pub mod error;
 pub mod gpu;
+mod march;
 pub mod memory;
 pub mod node_lists;
 pub mod picture;
