@@ -18,7 +18,6 @@ mod shade;
 mod view;
 mod walk;
 
-pub(crate) use real::Real;
 pub(crate) use shade::{Shading, Transport, Triple, Value};
 pub(crate) use view::{Lens, Passage, View};
 pub(crate) use walk::{ALL, Mask, Ray, Walk};

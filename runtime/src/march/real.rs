@@ -38,8 +38,6 @@ pub(crate) trait Real:
     fn of(x: f64) -> Self;
     /// A whole number, exact up to 2^24.
     fn whole(i: i32) -> Self;
-    /// As f64, exact.
-    fn f64(self) -> f64;
     /// The largest whole number not above it, at the ends of i32 where that is beyond them.
     fn floor(self) -> i32;
     /// Square root.
@@ -80,10 +78,6 @@ impl Real for f64 {
         f64::from(i)
     }
 
-    fn f64(self) -> f64 {
-        self
-    }
-
     fn floor(self) -> i32 {
         f64::floor(self) as i32
     }
@@ -121,11 +115,6 @@ impl Real for f32 {
     #[inline(always)]
     fn whole(i: i32) -> Self {
         i as f32
-    }
-
-    #[inline(always)]
-    fn f64(self) -> f64 {
-        f64::from(self)
     }
 
     #[inline(always)]

@@ -22,6 +22,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use brickfell_pager::{FolderStore, ProceduralConfig, ProceduralStore, Store};
+use brickfell_runtime::Device;
 use brickfell_runtime::error::RuntimeError;
 use brickfell_runtime::gpu::Gpu;
 use brickfell_runtime::renderer::Renderer;
@@ -97,12 +98,20 @@ pub fn open_gpu() -> Result<Arc<Gpu>, CommandError> {
     })
 }
 
+/// What to draw with: the CPU, or the device that [`open_gpu`] finds.
+///
+/// # Errors
+/// If there is no adapter and one is needed.
+pub fn open_device(cpu: bool) -> Result<Device, CommandError> {
+    Ok(if cpu { Device::Cpu } else { open_gpu()?.into() })
+}
+
 /// Says so where block-compressed bricks are drawn as samples.
 pub fn tell_of_blocks(renderer: &Renderer) {
     if renderer.decodes_blocks() {
         eprintln!(
             "note: {} reads no block-compressed 3D textures; bricks are decoded to samples",
-            renderer.gpu().info.name
+            renderer.device()
         );
     }
 }

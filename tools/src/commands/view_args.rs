@@ -32,6 +32,9 @@ pub struct ViewArgs {
     /// log2 offset on the pixel's footprint before a level is chosen; negative is finer
     #[arg(long, default_value_t = RenderSettings::default().bias, allow_negative_numbers = true)]
     pub bias: f64,
+    /// Draw with the CPU's cores instead of the GPU
+    #[arg(long)]
+    pub cpu: bool,
     /// Sun as azimuth (clockwise from north) and elevation, degrees
     #[arg(long, value_name = "AZ,EL", default_value = "135,45", value_parser = parse_sun, allow_hyphen_values = true)]
     pub sun: (f64, f64),
