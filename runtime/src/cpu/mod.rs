@@ -51,6 +51,8 @@ struct Frame<'a> {
     pools: &'a Pools,
     lens: Lens,
     shading: Shading<f32>,
+    /// Direction of the first pixel's ray, and what a column and a row further add.
+    directions: [DVec3; 3],
     trees: Vec<(View, &'a Drawn)>,
 }
 
@@ -126,7 +128,14 @@ impl CpuCaster {
             let bounds = [drawn.bounds.min, drawn.bounds.max];
             View::new(&drawn.header, bounds, drawn.least_level, &lens)
         };
+        let [x, y] = cast.first.map(f64::from);
+        let (corner, next) = (camera.ray(x, y), f64::from(cast.stride));
         let frame = Frame {
+            directions: [
+                corner,
+                camera.ray(x + next, y) - corner,
+                camera.ray(x, y + next) - corner,
+            ],
             trees: cast.drawn.iter().map(|d| (view(d), d)).collect(),
             shading: Shading::new(cast.settings),
             pools: &self.pools,
@@ -139,7 +148,13 @@ impl CpuCaster {
         let strips = self.picture.pixels[..rows * width].par_chunks_mut(TILE * width);
         let (counters, requests) = strips
             .enumerate()
-            .map(|(strip, pixels)| arch.dispatch(|| frame.strip(strip, pixels)))
+            .map(|(strip, pixels)| {
+                arch.dispatch(Strip {
+                    frame: &frame,
+                    strip,
+                    pixels,
+                })
+            })
             .reduce(Default::default, |(a, mut some), (b, mut other)| {
                 some.append(&mut other);
                 (a + b, some)
@@ -172,12 +187,28 @@ impl CpuCaster {
     }
 }
 
+/// A row of tiles, cast with the widest instructions that the machine has: a type of its own, because only so all of it is inlined into
+/// what is compiled for them.
+struct Strip<'a> {
+    frame: &'a Frame<'a>,
+    strip: usize,
+    pixels: &'a mut [[f32; 4]],
+}
+
+impl pulp::WithSimd for Strip<'_> {
+    type Output = (RayCounters, Vec<Request>);
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Self::Output {
+        self.frame.strip(self.strip, self.pixels)
+    }
+}
+
 impl Frame<'_> {
     /// Casts the rays of a row of tiles.
     #[inline(always)]
     fn strip(&self, strip: usize, pixels: &mut [[f32; 4]]) -> (RayCounters, Vec<Request>) {
-        let camera = self.cast.camera;
-        let width = camera.width as usize;
+        let width = self.cast.camera.width as usize;
         let columns = width.div_ceil(self.cast.stride as usize);
         let mut counters = RayCounters::default();
         let mut nodes = Nodes::new(self.pools, self.cast.frame);
@@ -188,7 +219,9 @@ impl Frame<'_> {
             for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
                 for column in tile * TILE..columns.min((tile + 1) * TILE) {
                     nodes.begin(may_ask);
-                    let direction = self.direction(camera, column, strip * TILE + row);
+                    let [corner, right, down] = self.directions;
+                    let row = (strip * TILE + row) as f64;
+                    let direction = corner + right * column as f64 + down * row;
                     let (rgba, counts) = self.ray(direction, &mut nodes);
                     pixels[column] = rgba;
                     counters = counters + counts;
@@ -196,14 +229,6 @@ impl Frame<'_> {
             }
         }
         (counters, nodes.into_requests().into_iter().collect())
-    }
-
-    /// The ray of a pixel of those that are drawn.
-    #[inline(always)]
-    fn direction(&self, camera: &Camera, column: usize, row: usize) -> DVec3 {
-        let Cast { stride, first, .. } = *self.cast;
-        let at = |k: usize, first: u32| (k * stride as usize) as f64 + f64::from(first);
-        camera.ray(at(column, first[0]), at(row, first[1]))
     }
 
     #[inline(always)]

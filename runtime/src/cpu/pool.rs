@@ -19,6 +19,7 @@ use brickfell_formats::chunk::Layers;
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::value::{decode_normal, srgb_to_linear_f64};
 use brickfell_pager::ChunkPage;
+use glam::Vec4;
 
 use crate::march::{Brick, Mask, Triple, Value};
 
@@ -109,6 +110,11 @@ impl Packed {
     }
 }
 
+#[inline(always)]
+fn four([x, y, z, w]: [i16; 4]) -> Vec4 {
+    Vec4::new(f32::from(x), f32::from(y), f32::from(z), f32::from(w))
+}
+
 /// The voxels that read a sample with an alpha.
 fn occupied(samples: &[[i16; 8]], layout: SampleLayout) -> Mask {
     let side = layout.side() as usize;
@@ -162,20 +168,25 @@ impl Brick<f32> for &Packed {
         let [x, y, z] = part;
         let (lower, upper) = ((1.0 - z) * SCALE, z * SCALE);
         let sides = [(1.0 - y) * lower, y * lower, (1.0 - y) * upper, y * upper];
-        let mut weights = [0f32; 8];
-        for k in 0..4 {
-            weights[2 * k + 1] = sides[k] * x;
-            weights[2 * k] = sides[k] * (1.0 - x);
-        }
-        let mut sums = [0f32; 8];
-        for k in 0..8 {
-            let sample = &self.samples[corners[k]];
-            for c in 0..8 {
-                sums[c] += weights[k] * f32::from(sample[c]);
-            }
+        let weights: [f32; 8] = [
+            sides[0] * (1.0 - x),
+            sides[0] * x,
+            sides[1] * (1.0 - x),
+            sides[1] * x,
+            sides[2] * (1.0 - x),
+            sides[2] * x,
+            sides[3] * (1.0 - x),
+            sides[3] * x,
+        ];
+        // As vectors of four, which the compiler does not find by itself here.
+        let (mut color, mut normal) = (Vec4::ZERO, Vec4::ZERO);
+        for (corner, weight) in corners.into_iter().zip(weights) {
+            let [r, g, b, a, x, y, z, w] = self.samples[corner];
+            color += four([r, g, b, a]) * weight;
+            normal += four([x, y, z, w]) * weight;
         }
         *reads += 1;
-        let [r, g, b, alpha, nx, ny, nz, _] = sums;
+        let ([r, g, b, alpha], [nx, ny, nz, _]) = (color.to_array(), normal.to_array());
         if alpha <= 0.0 {
             return Value::default();
         }
@@ -188,14 +199,11 @@ impl Brick<f32> for &Packed {
         };
         if !self.axes.is_empty() {
             *reads += 1;
-            let mut sums = [0f32; 4];
-            for k in 0..8 {
-                let sample = &self.axes[corners[k]];
-                for c in 0..4 {
-                    sums[c] += weights[k] * f32::from(sample[c]);
-                }
+            let mut axes = Vec4::ZERO;
+            for (corner, weight) in corners.into_iter().zip(weights) {
+                axes += four(self.axes[corner]) * weight;
             }
-            value.axes = Some([sums[0], sums[1], sums[2]]);
+            value.axes = Some([axes.x, axes.y, axes.z]);
         }
         if self.blocks {
             let fade = (2.0 * alpha).min(1.0);

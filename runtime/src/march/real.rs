@@ -148,7 +148,10 @@ impl Real for f32 {
         if self < 0.01 {
             return self * (1.0 + self * (0.5 + self * (1.0 / 3.0)));
         }
-        -std::f32::consts::LN_2 * Real::log2(1.0 - Real::min(self, MOST_OPAQUE as f32))
+        if self >= MOST_OPAQUE as f32 {
+            return 11.0 * std::f32::consts::LN_2;
+        }
+        -std::f32::consts::LN_2 * Real::log2(1.0 - self)
     }
 
     /// By its series where a difference from 1 would lose digits.
