@@ -5,11 +5,13 @@
 //!
 //! | module | what |
 //! |---|---|
+//! | `beam` | where the rays of a tile of pixels may begin |
 //! | `pool` | node words, decoded bricks, usage stamps |
 //! | `source` | descents through the pools, with fallback and requests |
 //!
 //! Called by the render thread; a cast spreads over the rayon pool of its caller, one task for each row of tiles.
 
+mod beam;
 mod pool;
 mod source;
 
@@ -29,6 +31,7 @@ use crate::march::{Lens, Ray, Shading, Transport, View, Walk};
 use crate::memory::PoolSizes;
 use crate::picture::{Picture, RayCounters};
 use crate::texture_pool::UploadBatch;
+use beam::{Beam, Start};
 use pool::{Packed, Pools};
 use source::Nodes;
 
@@ -212,18 +215,30 @@ impl Frame<'_> {
         let columns = width.div_ceil(self.cast.stride as usize);
         let mut counters = RayCounters::default();
         let mut nodes = Nodes::new(self.pools, self.cast.frame);
+        let mut starts = vec![None; self.trees.len()];
         for tile in 0..columns.div_ceil(TILE) {
             // Which tiles may ask goes round, so that a full list does not starve the same ones for ever.
             let turn = (tile + strip * 61) as u32;
             let may_ask = turn.wrapping_add(self.cast.frame) % self.cast.request_share == 0;
+            let first = tile * TILE;
+            let last = columns.min(first + TILE);
+            let rows = pixels.len() / width;
+            let direction = |column: usize, row: usize| {
+                let [corner, right, down] = self.directions;
+                corner + right * column as f64 + down * (strip * TILE + row) as f64
+            };
+            let beam = Beam::new([
+                direction(first, 0),
+                direction(last - 1, 0),
+                direction(first, rows - 1),
+                direction(last - 1, rows - 1),
+            ]);
+            starts.iter_mut().for_each(|start| *start = None);
             for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
-                for column in tile * TILE..columns.min((tile + 1) * TILE) {
+                for (column, pixel) in (first..last).zip(&mut pixels[first..last]) {
                     nodes.begin(may_ask);
-                    let [corner, right, down] = self.directions;
-                    let row = (strip * TILE + row) as f64;
-                    let direction = corner + right * column as f64 + down * row;
-                    let (rgba, counts) = self.ray(direction, &mut nodes);
-                    pixels[column] = rgba;
+                    let (rgba, counts) = self.ray(direction(column, row), &beam, &mut starts, &mut nodes);
+                    *pixel = rgba;
                     counters = counters + counts;
                 }
             }
@@ -232,13 +247,31 @@ impl Frame<'_> {
     }
 
     #[inline(always)]
-    fn ray(&self, direction: DVec3, nodes: &mut Nodes<'_>) -> ([f32; 4], RayCounters) {
+    fn ray(
+        &self,
+        direction: DVec3,
+        beam: &Beam,
+        starts: &mut [Option<f64>],
+        nodes: &mut Nodes<'_>,
+    ) -> ([f32; 4], RayCounters) {
         let ray = Ray::new(direction);
         let mut transport = Transport::default();
         for (k, (view, drawn)) in self.trees.iter().enumerate() {
-            let Some(passage) = view.passage(direction) else {
+            let Some(mut passage) = view.passage(direction) else {
                 continue;
             };
+            let start = *starts[k].get_or_insert_with(|| {
+                beam.start(&Start {
+                    pools: self.pools,
+                    frame: self.cast.frame,
+                    view,
+                    root: drawn.root,
+                })
+            });
+            passage.enter = passage.enter.max(start);
+            if passage.enter >= passage.leave {
+                continue;
+            }
             nodes.enter(k as u32, drawn.root, drawn.header.depth);
             let walk = Walk::new(view, &self.lens, &self.shading, nodes, &ray, passage);
             let Ok(()) = walk.run(&mut transport);

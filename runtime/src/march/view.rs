@@ -90,6 +90,29 @@ impl View {
         }
     }
 
+    /// The eye, in finest voxels from the low corner.
+    pub(crate) fn eye(&self) -> DVec3 {
+        self.eye
+    }
+
+    /// Finest voxels per metre.
+    pub(crate) fn per_metre(&self) -> f64 {
+        self.per_metre
+    }
+
+    /// Side of a node of a level, finest voxels.
+    pub(crate) fn side(&self, level: u8) -> f64 {
+        f64::from(8u32 << (self.depth - level.min(self.depth)))
+    }
+
+    /// Depth from which on a level is shown, though there be finer ones: two of its voxels before the next finer one begins to fade,
+    /// because a segment goes on with the level that it began with.
+    pub(crate) fn shown_from(&self, level: u8) -> f64 {
+        let finer = usize::from(level) + 1;
+        let fades = self.fades.get(finer).filter(|_| level < self.depth);
+        fades.map_or(0.0, |z| (z - 0.25 * self.side(level) / self.per_metre).max(0.0))
+    }
+
     /// The passage of a ray through what is drawn of the tree, `None` if it has no length.
     #[inline(always)]
     pub(crate) fn passage(&self, direction: DVec3) -> Option<Passage> {
