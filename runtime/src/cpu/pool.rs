@@ -1,11 +1,12 @@
 //! The pools of the CPU caster: the same node words as on a GPU, and bricks decoded once, ready to be filtered.
 //!
 //! A sample is eight numbers of 16 bits: premultiplied linear colour, alpha, the normal, and one spare, so that a trilinear read
-//! is eight loads of 16 bytes, each widened and added to eight sums at once. With a mask of the voxels in which there may be
-//! something, empty ones are never read:
+//! is eight loads of 16 bytes, each widened and added to eight sums at once. Masks tell in which voxels there may be
+//! something, and between which eight samples there is; where there is nothing no sample is read:
 //!
 //! ```text
-//! brick   Mask                     512 bits
+//! brick   occupied  8 x 64 bits        by voxel
+//!         between   9 x 9 x 16 bits    by z, y and bit x of the first of eight samples
 //!         samples  [i16; 8] each   r g b a nx ny nz 0     of 32640: an alpha or opacity of n/255 is 128 n, exact
 //!         axes     [i16; 4] each   x y z 0                the same; where the brick has opacities against the axes
 //! ```
@@ -54,6 +55,7 @@ fn opacity(code: u8) -> i16 {
 #[derive(Debug)]
 pub(super) struct Packed {
     occupied: Mask,
+    between: [[u16; 9]; 9],
     samples: Box<[[i16; 8]]>,
     axes: Box<[[i16; 4]]>,
     side: usize,
@@ -92,6 +94,7 @@ impl Packed {
         }
         Self {
             occupied: occupied(&samples, layout),
+            between: between(&samples, layout),
             samples: samples.into(),
             axes: axes.into(),
             side: layout.side() as usize,
@@ -133,6 +136,22 @@ fn occupied(samples: &[[i16; 8]], layout: SampleLayout) -> Mask {
     mask
 }
 
+/// The first ones of eight samples of which one has an alpha.
+fn between(samples: &[[i16; 8]], layout: SampleLayout) -> [[u16; 9]; 9] {
+    let side = layout.side() as usize;
+    let mut mask = [[0; 9]; 9];
+    for (k, _) in samples.iter().enumerate().filter(|(_, s)| s[3] != 0) {
+        let [x, y, z] = [k % side, k / side % side, k / (side * side)];
+        let row = 0b11u16 << x >> 1;
+        for rows in &mut mask[z.saturating_sub(1)..(z + 1).min(9)] {
+            for bits in &mut rows[y.saturating_sub(1)..(y + 1).min(9)] {
+                *bits |= row;
+            }
+        }
+    }
+    mask
+}
+
 impl Brick<f32> for &Packed {
     #[inline(always)]
     fn occupied(&self) -> &Mask {
@@ -150,6 +169,10 @@ impl Brick<f32> for &Packed {
             let first = (texel >> 8).min(last);
             base[k] = first as usize;
             part[k] = (texel - (first << 8)) as f32 * (1.0 / 256.0);
+        }
+        *reads += 1;
+        if self.between[base[2]][base[1]] >> base[0] & 1 == 0 {
+            return Value::default();
         }
         let row = self.side;
         let layer = row * row;
@@ -185,7 +208,6 @@ impl Brick<f32> for &Packed {
             color += four([r, g, b, a]) * weight;
             normal += four([x, y, z, w]) * weight;
         }
-        *reads += 1;
         let ([r, g, b, alpha], [nx, ny, nz, _]) = (color.to_array(), normal.to_array());
         if alpha <= 0.0 {
             return Value::default();

@@ -164,15 +164,18 @@ impl Real for f32 {
     }
 }
 
-/// 2^x for x up to 0, off by 2·10⁻⁷: the series of exp to the sixth power around the middle between two whole numbers.
+/// 2^x for x up to 0, off by 2·10⁻⁷: the series of exp to the sixth power around the nearest whole number.
 #[inline(always)]
 fn exp2(x: f32) -> f32 {
+    // Added to a number it leaves the nearest whole one in the last bits.
+    const ROUND: f32 = 12_582_912.0;
     let x = Real::max(x, -126.0);
-    let whole = Real::floor(x);
-    let r = (x - whole as f32 - 0.5) * std::f32::consts::LN_2;
-    let tail = 1.0 / 24.0 + r * (1.0 / 120.0 + r * (1.0 / 720.0));
-    let series = 1.0 + r * (1.0 + r * (0.5 + r * (1.0 / 6.0 + r * tail)));
-    series * std::f32::consts::SQRT_2 * f32::from_bits(((whole + 127) << 23) as u32)
+    let rounded = x + ROUND;
+    let r = (x - (rounded - ROUND)) * std::f32::consts::LN_2;
+    let q = r * r;
+    let high = (1.0 / 24.0 + r * (1.0 / 120.0)) + q * (1.0 / 720.0);
+    let series = (1.0 + r) + q * ((0.5 + r * (1.0 / 6.0)) + q * high);
+    f32::from_bits((series.to_bits()).wrapping_add(rounded.to_bits() << 23))
 }
 
 #[cfg(test)]

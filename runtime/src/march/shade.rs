@@ -89,8 +89,9 @@ impl<T: Real> Shading<T> {
                 (cloud + flat * (sheet - cloud)).max(T::ZERO).sqrt()
             }
         };
+        let albedo = self.light(&value.normal, normal, a) / value.alpha;
         let opacity = (length * depth).opacity();
-        let scale = opacity / value.alpha * self.light(&value.normal, normal, a);
+        let scale = opacity * albedo;
         let [r, g, b] = value.rgb.map(|c| c * scale);
         [r, g, b, opacity]
     }

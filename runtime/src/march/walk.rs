@@ -315,6 +315,9 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
     /// The cell on an axis at the depth reached, within a box that the ray is known to be in.
     #[inline(always)]
     fn settled(&self, k: usize, low: i32, side: i32) -> i32 {
+        if side == 1 {
+            return low;
+        }
         let p = self.origin[k] + self.direction[k] * self.z;
         let floor = p.floor();
         // A ray that runs downwards and is on a plane is below it.
