@@ -7,6 +7,11 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 /// The most opacity across a voxel: a voxel of it ends a ray, and the opacity of a short segment is continuous in the value.
 const MOST_OPAQUE: f64 = 1.0 - 1.0 / 2048.0;
 
+/// Added to a number up to [`ROUNDED`] it leaves the nearest whole one in the last bits.
+const ROUND: f32 = 12_582_912.0;
+/// See [`ROUND`].
+const ROUNDED: f32 = 4_194_304.0;
+
 /// A number to march with.
 pub(crate) trait Real:
     Copy
@@ -119,8 +124,12 @@ impl Real for f32 {
 
     #[inline(always)]
     fn floor(self) -> i32 {
-        let whole = self as i32;
-        whole - i32::from(self < whole as f32)
+        let nearest = if self.abs() < ROUNDED {
+            ((self + ROUND).to_bits() as i32).wrapping_sub(ROUND.to_bits() as i32)
+        } else {
+            self as i32
+        };
+        nearest - i32::from(self < nearest as f32)
     }
 
     #[inline(always)]
@@ -142,24 +151,15 @@ impl Real for f32 {
         exponent as f32 + SCALE * s * series
     }
 
-    /// By its series where a difference from 1 would lose digits.
+    /// Off by 4·10⁻⁷ of the result or of 1, whichever is more.
     #[inline(always)]
     fn optical_depth(self) -> Self {
-        if self < 0.01 {
-            return self * (1.0 + self * (0.5 + self * (1.0 / 3.0)));
-        }
-        if self >= MOST_OPAQUE as f32 {
-            return 11.0 * std::f32::consts::LN_2;
-        }
-        -std::f32::consts::LN_2 * Real::log2(1.0 - self)
+        -std::f32::consts::LN_2 * Real::log2(1.0 - Real::min(self, MOST_OPAQUE as f32))
     }
 
-    /// By its series where a difference from 1 would lose digits.
+    /// Off by 4·10⁻⁷.
     #[inline(always)]
     fn opacity(self) -> Self {
-        if self < 0.02 {
-            return self * (1.0 - self * (0.5 - self * (1.0 / 6.0)));
-        }
         1.0 - exp2(-std::f32::consts::LOG2_E * self)
     }
 }
@@ -167,8 +167,6 @@ impl Real for f32 {
 /// 2^x for x up to 0, off by 2·10⁻⁷: the series of exp to the sixth power around the nearest whole number.
 #[inline(always)]
 fn exp2(x: f32) -> f32 {
-    // Added to a number it leaves the nearest whole one in the last bits.
-    const ROUND: f32 = 12_582_912.0;
     let x = Real::max(x, -126.0);
     let rounded = x + ROUND;
     let r = (x - (rounded - ROUND)) * std::f32::consts::LN_2;
@@ -198,7 +196,8 @@ mod tests {
         }
         assert_eq!([0.0f32.optical_depth(), 0.0f32.opacity()], [0.0; 2]);
         assert!(1.0f32.optical_depth() > 7.6 && 1e30f32.opacity() == 1.0);
-        let floors = [-1.5f32, -1.0, -0.25, 0.0, 0.75, 3.0].map(Real::floor);
-        assert_eq!(floors, [-2, -1, -1, 0, 0, 3]);
+        let numbers = [-1.5f32, -1.0, -0.25, 0.0, 0.75, 3.0, 2.5, 3.5, 4e6, 6e6, -6e6, 1e30];
+        let floors = [-2, -1, -1, 0, 0, 3, 2, 3, 4_000_000, 6_000_000, -6_000_000, i32::MAX];
+        assert_eq!(numbers.map(Real::floor), floors);
     }
 }

@@ -321,7 +321,7 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
         let p = self.origin[k] + self.direction[k] * self.z;
         let floor = p.floor();
         // A ray that runs downwards and is on a plane is below it.
-        let down = i32::from(self.upwards[k] == 0 && T::whole(floor) == p);
+        let down = i32::from(!T::IS_SHORT && self.upwards[k] == 0 && T::whole(floor) == p);
         (floor - down).saturating_add(self.anchor[k]).clamp(low, low + side - 1)
     }
 
