@@ -17,7 +17,6 @@ mod source;
 
 use std::time::Instant;
 
-use brickfell_culler::Camera;
 use brickfell_formats::chunk::Layers;
 use brickfell_formats::layout::SampleLayout;
 use brickfell_shaders::layout::Request;
@@ -54,8 +53,8 @@ struct Frame<'a> {
     pools: &'a Pools,
     lens: Lens,
     shading: Shading<f32>,
-    /// Direction of the first pixel's ray, and what a column and a row further add.
-    directions: [DVec3; 3],
+    /// Screen coordinates of the columns and the rows that are drawn: as the camera gives them, to the bit, so that what is 0 stays so.
+    screen: [Vec<f64>; 2],
     trees: Vec<(View, &'a Drawn)>,
 }
 
@@ -131,13 +130,13 @@ impl CpuCaster {
             let bounds = [drawn.bounds.min, drawn.bounds.max];
             View::new(&drawn.header, bounds, drawn.least_level, &lens)
         };
-        let [x, y] = cast.first.map(f64::from);
-        let (corner, next) = (camera.ray(x, y), f64::from(cast.stride));
+        let stride = cast.stride as usize;
+        let [columns, rows] = [width, height].map(|pixels| pixels.div_ceil(stride));
+        let pixel = |k: usize, axis: usize| (k * stride) as f64 + f64::from(cast.first[axis]);
         let frame = Frame {
-            directions: [
-                corner,
-                camera.ray(x + next, y) - corner,
-                camera.ray(x, y + next) - corner,
+            screen: [
+                (0..columns).map(|k| camera.screen(pixel(k, 0), 0.0).x).collect(),
+                (0..rows).map(|k| camera.screen(0.0, pixel(k, 1)).y).collect(),
             ],
             trees: cast.drawn.iter().map(|d| (view(d), d)).collect(),
             shading: Shading::new(cast.settings),
@@ -145,8 +144,6 @@ impl CpuCaster {
             cast,
             lens,
         };
-        let stride = cast.stride as usize;
-        let rows = height.div_ceil(stride);
         let arch = pulp::Arch::new();
         let strips = self.picture.pixels[..rows * width].par_chunks_mut(TILE * width);
         let (counters, requests) = strips
@@ -212,7 +209,7 @@ impl Frame<'_> {
     #[inline(always)]
     fn strip(&self, strip: usize, pixels: &mut [[f32; 4]]) -> (RayCounters, Vec<Request>) {
         let width = self.cast.camera.width as usize;
-        let columns = width.div_ceil(self.cast.stride as usize);
+        let columns = self.screen[0].len();
         let mut counters = RayCounters::default();
         let mut nodes = Nodes::new(self.pools, self.cast.frame);
         let mut starts = vec![None; self.trees.len()];
@@ -224,8 +221,9 @@ impl Frame<'_> {
             let last = columns.min(first + TILE);
             let rows = pixels.len() / width;
             let direction = |column: usize, row: usize| {
-                let [corner, right, down] = self.directions;
-                corner + right * column as f64 + down * (strip * TILE + row) as f64
+                let [x, y] = [self.screen[0][column], self.screen[1][strip * TILE + row]];
+                let camera = self.cast.camera;
+                camera.forward + camera.right * x + camera.up * y
             };
             let beam = Beam::new([
                 direction(first, 0),
