@@ -279,8 +279,7 @@ fn frame_uniform(cast: &Cast<'_>, sizes: PoolSizes) -> layout::Frame {
     let (segment_shift, segment_samples) = settings.segment();
     let texels = sizes.texels().map(|t| 1.0 / t as f32);
     let [x, y, z] = sizes.slot();
-    let [normal_scale, normal_zero] =
-        [NORMAL_SCALE, NORMAL_ZERO].map(|v| glam::Vec3::from(v.map(f32::from)));
+    let [normal_scale, normal_zero] = [NORMAL_SCALE, NORMAL_ZERO].map(|v| glam::Vec3::from(v.map(f32::from)));
     layout::Frame {
         size: [camera.width.div_ceil(stride), camera.height.div_ceil(stride)],
         tree_count: cast.drawn.len() as u32,

@@ -97,7 +97,11 @@ impl Beam {
             }
             let is_clear = structure & BRICK == 0 && data >> 24 == 0;
             // Where finer ones alone are shown it does not count.
-            let shown = if is_terminal { 0.0 } else { view.shown_from(visit.level) };
+            let shown = if is_terminal {
+                0.0
+            } else {
+                view.shown_from(visit.level)
+            };
             if !is_clear && shown <= visit.leave {
                 nearest = nearest.min(margin(visit.enter.max(shown)));
             }
@@ -107,7 +111,11 @@ impl Beam {
             let side = view.side(visit.level + 1);
             let first = stack.len();
             for octant in 0..8u32 {
-                let offset = dvec3((octant & 1) as f64, (octant >> 1 & 1) as f64, (octant >> 2) as f64);
+                let offset = dvec3(
+                    (octant & 1) as f64,
+                    (octant >> 1 & 1) as f64,
+                    (octant >> 2) as f64,
+                );
                 let low = visit.low + offset * side;
                 let (enter, leave) = beam.touches(low, low + side);
                 if enter <= leave && enter < nearest {

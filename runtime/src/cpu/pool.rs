@@ -86,7 +86,10 @@ impl Packed {
             ChunkPage::Blocks(chunk) => {
                 let texels = chunk.texels(k, Between::default());
                 for (color, normal) in texels.color.iter().zip(&texels.normal) {
-                    sample(*color, [0, 1, 2].map(|k| codes.straight[k][usize::from(normal[k])]));
+                    sample(
+                        *color,
+                        [0, 1, 2].map(|k| codes.straight[k][usize::from(normal[k])]),
+                    );
                 }
                 let shares = texels.share.iter();
                 axes.extend(shares.map(|[x, y, z]| [opacity(*x), opacity(*y), opacity(*z), 0]));

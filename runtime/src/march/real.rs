@@ -185,19 +185,40 @@ mod tests {
         for k in 1..200_000u32 {
             let x = k as f32 * 1e-3;
             let exact = f64::from(x).log2();
-            assert!((f64::from(Real::log2(x)) - exact).abs() <= 3e-7 * exact.abs().max(1.0), "{x}");
+            assert!(
+                (f64::from(Real::log2(x)) - exact).abs() <= 3e-7 * exact.abs().max(1.0),
+                "{x}"
+            );
             let exact = (-f64::from(x)).exp2();
             assert!((f64::from(exp2(-x)) - exact).abs() <= 2e-7, "{x}");
             let a = k as f32 / 200_000.0;
             let (depth, exact) = (a.optical_depth(), f64::from(a).optical_depth());
-            assert!((f64::from(depth) - exact).abs() <= 4e-7 * exact.max(1.0), "{a}: {depth} {exact}");
+            assert!(
+                (f64::from(depth) - exact).abs() <= 4e-7 * exact.max(1.0),
+                "{a}: {depth} {exact}"
+            );
             let (part, exact) = (x.opacity(), f64::from(x).opacity());
             assert!((f64::from(part) - exact).abs() <= 4e-7, "{x}: {part} {exact}");
         }
         assert_eq!([0.0f32.optical_depth(), 0.0f32.opacity()], [0.0; 2]);
         assert!(1.0f32.optical_depth() > 7.6 && 1e30f32.opacity() == 1.0);
-        let numbers = [-1.5f32, -1.0, -0.25, 0.0, 0.75, 3.0, 2.5, 3.5, 4e6, 6e6, -6e6, 1e30];
-        let floors = [-2, -1, -1, 0, 0, 3, 2, 3, 4_000_000, 6_000_000, -6_000_000, i32::MAX];
+        let numbers = [
+            -1.5f32, -1.0, -0.25, 0.0, 0.75, 3.0, 2.5, 3.5, 4e6, 6e6, -6e6, 1e30,
+        ];
+        let floors = [
+            -2,
+            -1,
+            -1,
+            0,
+            0,
+            3,
+            2,
+            3,
+            4_000_000,
+            6_000_000,
+            -6_000_000,
+            i32::MAX,
+        ];
         assert_eq!(numbers.map(Real::floor), floors);
     }
 }

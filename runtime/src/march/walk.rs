@@ -191,9 +191,7 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
         let shift = self.shift(place.level) + 3;
         let apart = (0..3).fold(0, |d, k| d | (self.cell[k] ^ place.low[k]));
         let as_wanted = (self.wanted, self.mixing) == (place.wanted, place.mixing);
-        !place.stands_in
-            && apart >> shift == 0
-            && (as_wanted || place.terminal && self.wanted > place.level)
+        !place.stands_in && apart >> shift == 0 && (as_wanted || place.terminal && self.wanted > place.level)
     }
 
     /// A depth of the picture as a depth of the walk.
@@ -229,7 +227,9 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
         let z = T::of(self.start) + self.z;
         let lambda = (T::of(self.view.log2_root) - z.log2()).max(T::of(self.view.least_level));
         let above = lambda - T::whole(i32::from(self.wanted) - 1);
-        ((above - T::HALF) / T::of(self.lens.fade) + T::HALF).max(T::ZERO).min(T::ONE)
+        ((above - T::HALF) / T::of(self.lens.fade) + T::HALF)
+            .max(T::ZERO)
+            .min(T::ONE)
     }
 
     /// Depth of a plane that the ray leaves a box through.
@@ -259,7 +259,11 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
         match place.parent {
             None => {
                 // The parent comes in when the footprint has grown.
-                let ahead = if level == 0 { T::INFINITY } else { self.depth(self.view.fades[level]) };
+                let ahead = if level == 0 {
+                    T::INFINITY
+                } else {
+                    self.depth(self.view.fades[level])
+                };
                 let until = if ahead > self.z { ahead } else { T::INFINITY };
                 Some((node, until, value))
             }
@@ -282,7 +286,8 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
     /// What a path of `dz` metres of depth adds if it has one value of a level; `scale`: voxels of the level in a finest one.
     #[inline(always)]
     fn layer(&self, value: &Value<T>, scale: T, dz: T) -> Layer<T> {
-        self.shading.layer(value, self.gain, dz * self.path * scale, &self.unit)
+        self.shading
+            .layer(value, self.gain, dz * self.path * scale, &self.unit)
     }
 
     /// Adds a box of one value, and moves on to where it ends.
@@ -322,7 +327,9 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
         let floor = p.floor();
         // A ray that runs downwards and is on a plane is below it.
         let down = i32::from(!T::IS_SHORT && self.upwards[k] == 0 && T::whole(floor) == p);
-        (floor - down).saturating_add(self.anchor[k]).clamp(low, low + side - 1)
+        (floor - down)
+            .saturating_add(self.anchor[k])
+            .clamp(low, low + side - 1)
     }
 
     /// Goes through a node voxel by voxel, and adds what is sampled in the middle of each, until the ray leaves the node, or

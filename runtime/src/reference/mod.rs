@@ -184,11 +184,7 @@ impl Reference {
         py: f64,
     ) -> Result<[f64; 4], ReferenceError> {
         let scene = Scene::new(self, camera, settings)?;
-        scene.cast(
-            camera.ray(px, py),
-            &mut Vec::new(),
-            &mut RayCounters::default(),
-        )
+        scene.cast(camera.ray(px, py), &mut Vec::new(), &mut RayCounters::default())
     }
 }
 
@@ -239,14 +235,23 @@ impl<'a> Scene<'a> {
         counters: &mut RayCounters,
     ) -> Result<[f64; 4], ReferenceError> {
         passages.clear();
-        let entered = (self.trees.iter().enumerate()).filter_map(|(k, (_, view))| Some((view.passage(direction)?, k)));
+        let entered =
+            (self.trees.iter().enumerate()).filter_map(|(k, (_, view))| Some((view.passage(direction)?, k)));
         passages.extend(entered);
         passages.sort_by(|(a, _), (b, _)| a.enter.total_cmp(&b.enter).then(a.leave.total_cmp(&b.leave)));
         let ray = Ray::new(direction);
         let mut transport = Transport::default();
         for (passage, k) in passages.iter() {
             let (tree, view) = &self.trees[*k];
-            Walk::new(view, &self.lens, &self.shading, &mut FromRoot(tree), &ray, *passage).run(&mut transport)?;
+            Walk::new(
+                view,
+                &self.lens,
+                &self.shading,
+                &mut FromRoot(tree),
+                &ray,
+                *passage,
+            )
+            .run(&mut transport)?;
             if transport.saturated() {
                 break;
             }

@@ -17,7 +17,7 @@ use serde_json::json;
 
 use super::scenes::{HILLS_SIZE, hill_height, hills};
 use super::{Row, Settings, row};
-use crate::commands::{CommandError, open_device};
+use crate::commands::{CommandError, open_gpu};
 use crate::report::{Percentiles, per_ray};
 
 const WIDTH: u32 = 800;
@@ -59,7 +59,7 @@ fn open(settings: &Settings<'_>) -> Result<(Arc<dyn Store>, Terrain), CommandErr
 
 /// What is measured: the device, and the CPU if that is wanted.
 pub(super) fn devices(settings: &Settings<'_>) -> Result<Vec<Device>, CommandError> {
-    let mut devices = vec![open_device(false)?];
+    let mut devices = vec![open_gpu()?.into()];
     devices.extend(settings.cpu.then_some(Device::Cpu));
     Ok(devices)
 }
@@ -151,7 +151,7 @@ pub fn default_rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
 pub fn variants(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let (store, terrain) = open(settings)?;
     let scene = terrain.scene.clone();
-    let mut renderer = renderer(open_device(false)?, Arc::clone(&store), terrain)?;
+    let mut renderer = renderer(open_gpu()?.into(), Arc::clone(&store), terrain)?;
     let default = RenderSettings::default();
     let variants = [
         ("default", default),

@@ -111,7 +111,12 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         Some(file) => Some(Trace::create(file).map_err(|e| file_error(file, e))?),
         None => None,
     };
-    let renderer = Renderer::new(open_device(args.view.cpu)?, Arc::clone(&store), terrain, args.view.config())?;
+    let renderer = Renderer::new(
+        open_device(&args.view)?,
+        Arc::clone(&store),
+        terrain,
+        args.view.config(),
+    )?;
     tell_of_blocks(&renderer);
     let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} frames, {eta} left");
     let bar = ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));

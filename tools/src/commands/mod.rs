@@ -28,6 +28,8 @@ use brickfell_runtime::gpu::Gpu;
 use brickfell_runtime::renderer::Renderer;
 use brickfell_runtime::terrain::Terrain;
 
+use view_args::ViewArgs;
+
 /// What the program prints when a command fails.
 #[derive(Debug)]
 pub struct CommandError {
@@ -89,7 +91,11 @@ pub fn open_terrain(terrain: &Path) -> Result<(Arc<dyn Store>, Terrain), Command
 /// # Errors
 /// If there is no adapter.
 pub fn open_gpu() -> Result<Arc<Gpu>, CommandError> {
-    Gpu::open().map_err(|e| match e {
+    explained(Gpu::open())
+}
+
+fn explained(gpu: Result<Arc<Gpu>, RuntimeError>) -> Result<Arc<Gpu>, CommandError> {
+    gpu.map_err(|e| match e {
         RuntimeError::NoAdapter => CommandError::new(
             e,
             "a software device is enough: `apt-get install mesa-vulkan-drivers` on Debian and Ubuntu",
@@ -98,12 +104,22 @@ pub fn open_gpu() -> Result<Arc<Gpu>, CommandError> {
     })
 }
 
-/// What to draw with: the CPU, or the device that [`open_gpu`] finds.
+/// What to draw with: as asked for, else the GPU if there is one, else the CPU, which is faster than software that stands in for a GPU.
+/// Says so in one line if that was not asked for.
 ///
 /// # Errors
-/// If there is no adapter and one is needed.
-pub fn open_device(cpu: bool) -> Result<Device, CommandError> {
-    Ok(if cpu { Device::Cpu } else { open_gpu()?.into() })
+/// If there is no adapter and one is asked for, or it gives no device.
+pub fn open_device(view: &ViewArgs) -> Result<Device, CommandError> {
+    if view.cpu {
+        return Ok(Device::Cpu);
+    }
+    let reason = match Gpu::open() {
+        Ok(gpu) if gpu.is_software() && !view.gpu => format!("{} is software", gpu.info.name),
+        Err(error @ RuntimeError::NoAdapter) if !view.gpu => error.to_string(),
+        result => return Ok(explained(result)?.into()),
+    };
+    eprintln!("note: {reason}; the CPU draws (--gpu: it does not)");
+    Ok(Device::Cpu)
 }
 
 /// Says so where block-compressed bricks are drawn as samples.

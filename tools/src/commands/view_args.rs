@@ -32,9 +32,12 @@ pub struct ViewArgs {
     /// log2 offset on the pixel's footprint before a level is chosen; negative is finer
     #[arg(long, default_value_t = RenderSettings::default().bias, allow_negative_numbers = true)]
     pub bias: f64,
-    /// Draw with the CPU's cores instead of the GPU
+    /// Draw with the CPU's cores, as happens by itself where there is no GPU
     #[arg(long)]
     pub cpu: bool,
+    /// Draw with the GPU, or with what stands in for one, though that be slower than the CPU's cores
+    #[arg(long, conflicts_with = "cpu")]
+    pub gpu: bool,
     /// Sun as azimuth (clockwise from north) and elevation, degrees
     #[arg(long, value_name = "AZ,EL", default_value = "135,45", value_parser = parse_sun, allow_hyphen_values = true)]
     pub sun: (f64, f64),
