@@ -102,8 +102,18 @@ impl Beam {
             } else {
                 view.shown_from(visit.level)
             };
-            if !is_clear && shown <= visit.leave {
-                nearest = nearest.min(margin(visit.enter.max(shown)));
+            if !is_clear {
+                let (enter, leave) = match tree.pools.brick([structure, data]) {
+                    Some(brick) => {
+                        let voxel = view.side(visit.level) / 8.0;
+                        let [low, high] = brick.filled().map(|p| visit.low + p * voxel);
+                        beam.touches(low, high)
+                    }
+                    None => (visit.enter, visit.leave),
+                };
+                if enter.max(shown) <= leave {
+                    nearest = nearest.min(margin(enter.max(shown)));
+                }
             }
             if is_terminal || visit.enter >= nearest {
                 continue;

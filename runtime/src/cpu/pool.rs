@@ -20,7 +20,8 @@ use brickfell_formats::chunk::Layers;
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::value::{decode_normal, srgb_to_linear_f64};
 use brickfell_pager::ChunkPage;
-use glam::Vec4;
+use brickfell_shaders::layout::BRICK;
+use glam::{DVec3, Vec4};
 
 use crate::march::{Brick, Mask, Triple, Value};
 
@@ -56,6 +57,8 @@ fn opacity(code: u8) -> i16 {
 pub(super) struct Packed {
     occupied: Mask,
     between: [[u16; 9]; 9],
+    /// The box of the occupied voxels, high corner exclusive; nothing is in it if there are none.
+    filled: [[u8; 3]; 2],
     samples: Box<[[i16; 8]]>,
     axes: Box<[[i16; 4]]>,
     side: usize,
@@ -95,8 +98,10 @@ impl Packed {
                 axes.extend(shares.map(|[x, y, z]| [opacity(*x), opacity(*y), opacity(*z), 0]));
             }
         }
+        let occupied = occupied(&samples, layout);
         Self {
-            occupied: occupied(&samples, layout),
+            occupied,
+            filled: filled(&occupied),
             between: between(&samples, layout),
             samples: samples.into(),
             axes: axes.into(),
@@ -104,6 +109,11 @@ impl Packed {
             offset: ((layout.texel_offset() - 0.5) * 256.0) as i32,
             blocks: chunk.samples().is_none(),
         }
+    }
+
+    /// Low and high corner of what is occupied, in voxels.
+    pub(super) fn filled(&self) -> [DVec3; 2] {
+        self.filled.map(|p| DVec3::from(p.map(f64::from)))
     }
 
     /// Bytes of a brick in memory.
@@ -137,6 +147,21 @@ fn occupied(samples: &[[i16; 8]], layout: SampleLayout) -> Mask {
         }
     }
     mask
+}
+
+/// The box of the voxels in a mask.
+fn filled(mask: &Mask) -> [[u8; 3]; 2] {
+    let (mut low, mut high) = ([8u8; 3], [0u8; 3]);
+    for (z, layer) in mask.iter().enumerate() {
+        for voxel in (0..64u8).filter(|v| layer >> v & 1 == 1) {
+            let at = [voxel % 8, voxel / 8, z as u8];
+            for k in 0..3 {
+                low[k] = low[k].min(at[k]);
+                high[k] = high[k].max(at[k] + 1);
+            }
+        }
+    }
+    [low, high]
 }
 
 /// The first ones of eight samples of which one has an alpha.
@@ -282,6 +307,13 @@ impl Pools {
             brick_stamps: stamps(bricks),
             tile_stamps: stamps(tiles),
         }
+    }
+
+    /// The brick that a node's words name, if it is there.
+    #[inline(always)]
+    pub(super) fn brick(&self, [structure, data]: [u32; 2]) -> Option<&Packed> {
+        let slot = data.checked_sub(1).filter(|_| structure & BRICK != 0)?;
+        self.bricks.get(slot as usize)?.as_ref()
     }
 
     /// Notes that a node's tile was used.

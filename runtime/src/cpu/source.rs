@@ -94,9 +94,9 @@ impl<'p> Nodes<'p> {
         if structure & BRICK == 0 {
             return Some(Shown::Constant(data.to_le_bytes()));
         }
-        let slot = data.checked_sub(1)?;
-        self.pools.use_brick(slot, self.frame);
-        Some(Shown::Brick(self.pools.bricks.get(slot as usize)?.as_ref()?))
+        let brick = self.pools.brick([structure, data])?;
+        self.pools.use_brick(data - 1, self.frame);
+        Some(Shown::Brick(brick))
     }
 
     #[cold]
