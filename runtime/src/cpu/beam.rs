@@ -47,8 +47,8 @@ impl Beam {
     }
 
     /// The depths between which the beam may touch a box, from the eye on; `enter` is above `leave` if it never does.
-    fn touches(&self, low: DVec3, high: DVec3) -> (f64, f64) {
-        // What runs upwards at slope d is above the low face from low / d on; the steepest first. Below it without end if there is none.
+    pub(super) fn touches(&self, low: DVec3, high: DVec3) -> (f64, f64) {
+        // What runs at slope d is at a face from face / d on: the steepest is there first.
         let (mut enter, mut leave) = (0f64, f64::INFINITY);
         for k in 0..3 {
             let (low, high) = (low[k], high[k]);

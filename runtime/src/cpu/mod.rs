@@ -14,6 +14,8 @@
 mod beam;
 mod pool;
 mod source;
+#[cfg(test)]
+mod tests;
 
 use std::time::Instant;
 
@@ -216,7 +218,8 @@ impl Frame<'_> {
         for tile in 0..columns.div_ceil(TILE) {
             // Which tiles may ask goes round, so that a full list does not starve the same ones for ever.
             let turn = (tile + strip * 61) as u32;
-            let may_ask = turn.wrapping_add(self.cast.frame) % self.cast.request_share == 0;
+            let turn = turn.wrapping_add(self.cast.frame);
+            let may_ask = turn.is_multiple_of(self.cast.request_share);
             let first = tile * TILE;
             let last = columns.min(first + TILE);
             let rows = pixels.len() / width;

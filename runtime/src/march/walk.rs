@@ -308,13 +308,13 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
             transport.under(self.layer(&Value::constant(value), scale, end - self.z));
         }
         self.z = end;
-        for k in 0..3 {
-            self.cell[k] = if planes[k] <= end {
+        self.cell = [0, 1, 2].map(|k| {
+            if planes[k] <= end {
                 cube.low[k] - 1 + self.upwards[k] * (cube.side + 1)
             } else {
                 self.settled(k, cube.low[k], cube.side)
-            };
-        }
+            }
+        });
     }
 
     /// The cell on an axis at the depth reached, within a box that the ray is known to be in.
@@ -383,9 +383,7 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
                 break;
             }
         }
-        for k in 0..3 {
-            self.cell[k] = self.settled(k, place.low[k] + (at[k] << shift), side);
-        }
+        self.cell = [0, 1, 2].map(|k| self.settled(k, place.low[k] + (at[k] << shift), side));
     }
 
     /// Adds a segment from here to `end` by the values in the middle of its parts.

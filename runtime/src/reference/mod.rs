@@ -14,7 +14,7 @@
 //! [`Reference`] may be used from any thread; [`Reference::render`] spreads rows over the rayon pool of its caller.
 
 mod cut;
-mod sampling;
+pub(crate) mod sampling;
 mod tree;
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ static NORMAL: LazyLock<[f64; 256]> =
 
 /// The samples of one brick, x fastest.
 #[derive(Clone, Copy)]
-pub(super) enum Samples<'a> {
+pub(crate) enum Samples<'a> {
     /// As they are stored, each multiplied with its own alpha.
     Stored {
         /// Stored colours.
@@ -87,11 +87,11 @@ impl Samples<'_> {
 
 /// A brick.
 #[derive(Clone, Copy)]
-pub(super) struct Brick<'a> {
+pub(crate) struct Brick<'a> {
     /// Its samples.
-    pub(super) samples: Samples<'a>,
+    pub(crate) samples: Samples<'a>,
     /// Where the samples lie.
-    pub(super) layout: SampleLayout,
+    pub(crate) layout: SampleLayout,
 }
 
 impl march::Brick<f64> for Brick<'_> {
