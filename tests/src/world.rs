@@ -84,6 +84,19 @@ impl World {
         Self::new(Arc::new(FolderStore::open(folder).unwrap()))
     }
 
+    /// The same with a reference that reads blocks to the nearest code, as the CPU caster does, instead of as the device does.
+    ///
+    /// # Panics
+    /// If it cannot be opened.
+    pub fn read_to_nearest(self) -> Self {
+        let terrain = Terrain::open(&self.store).unwrap();
+        let reference = Reference::open(Arc::clone(&self.store), &terrain.scene).unwrap();
+        Self {
+            reference: Arc::new(reference),
+            ..self
+        }
+    }
+
     /// A renderer with pools for everything.
     pub fn renderer(&self) -> Renderer {
         self.renderer_within(GPU_BUDGET)

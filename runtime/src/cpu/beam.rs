@@ -34,6 +34,8 @@ pub(super) struct Start<'a> {
     pub(super) frame: u32,
     pub(super) view: &'a View,
     pub(super) root: u32,
+    /// log2 of the voxels of a segment: rays begin where segments do.
+    pub(super) step: u32,
 }
 
 impl Beam {
@@ -100,13 +102,13 @@ impl Beam {
             let shown = if is_terminal {
                 0.0
             } else {
-                view.shown_from(visit.level)
+                view.shown_from(visit.level, tree.step)
             };
             if !is_clear {
                 let (enter, leave) = match tree.pools.brick([structure, data]) {
                     Some(brick) => {
                         let voxel = view.side(visit.level) / 8.0;
-                        let [low, high] = brick.filled().map(|p| visit.low + p * voxel);
+                        let [low, high] = brick.filled(tree.step).map(|p| visit.low + p * voxel);
                         beam.touches(low, high)
                     }
                     None => (visit.enter, visit.leave),

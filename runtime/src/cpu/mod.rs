@@ -267,6 +267,7 @@ impl Frame<'_> {
                     frame: self.cast.frame,
                     view,
                     root: drawn.root,
+                    step: self.lens.segment.0,
                 })
             });
             passage.enter = passage.enter.max(start);

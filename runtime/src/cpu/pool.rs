@@ -111,9 +111,14 @@ impl Packed {
         }
     }
 
-    /// Low and high corner of what is occupied, in voxels.
-    pub(super) fn filled(&self) -> [DVec3; 2] {
-        self.filled.map(|p| DVec3::from(p.map(f64::from)))
+    /// Low and high corner of what is occupied, in voxels, out to whole segments of 2^`step` voxels.
+    pub(super) fn filled(&self, step: u32) -> [DVec3; 2] {
+        let [low, high] = self.filled.map(|p| p.map(u32::from));
+        let (low, high) = (
+            low.map(|v| v >> step << step),
+            high.map(|v| v.next_multiple_of(1 << step)),
+        );
+        [low, high].map(|p| DVec3::from(p.map(f64::from)))
     }
 
     /// Bytes of a brick in memory.

@@ -73,9 +73,12 @@ proptest! {
             // Where there is something the masks and the box say so.
             let at = local.map(|x| (x.floor() as usize).min(7));
             prop_assert!(packed.occupied()[at[2]] >> (at[1] * 8 + at[0]) & 1 == 1);
-            let [low, high] = packed.filled();
             let at = dvec3(at[0] as f64, at[1] as f64, at[2] as f64);
-            prop_assert!(low.cmple(at).all() && at.cmplt(high).all());
+            for step in 0..=3 {
+                let [low, high] = packed.filled(step);
+                prop_assert!(low.cmple(at).all() && at.cmplt(high).all());
+                prop_assert!([low, high].iter().all(|p| *p % f64::from(1 << step) == DVec3::ZERO));
+            }
         }
     }
 

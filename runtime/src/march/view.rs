@@ -105,12 +105,13 @@ impl View {
         f64::from(8u32 << (self.depth - level.min(self.depth)))
     }
 
-    /// Depth from which on a level is shown, though there be finer ones: two of its voxels before the next finer one begins to fade,
-    /// because a segment goes on with the level that it began with.
-    pub(crate) fn shown_from(&self, level: u8) -> f64 {
+    /// Depth from which on a level may be shown, though there be finer ones: that from which the next finer one fades, less what a segment
+    /// of 2^`step` voxels may be long, because it goes on with the level that it began with.
+    pub(crate) fn shown_from(&self, level: u8, step: u32) -> f64 {
         let finer = usize::from(level) + 1;
         let fades = self.fades.get(finer).filter(|_| level < self.depth);
-        fades.map_or(0.0, |z| (z - 0.25 * self.side(level) / self.per_metre).max(0.0))
+        let segment = 0.25 * self.side(level) * f64::from(1u32 << step) / self.per_metre;
+        fades.map_or(0.0, |z| (z - segment).max(0.0))
     }
 
     /// The passage of a ray through what is drawn of the tree, `None` if it has no length.

@@ -26,7 +26,7 @@ pub struct ViewArgs {
     /// RAM that the pager may hold (bytes, or with K, M, G, KiB, MiB, GiB)
     #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = parse_bytes)]
     pub budget_ram: u64,
-    /// Device memory for the pools (bytes, or with K, M, G, KiB, MiB, GiB)
+    /// Device memory for the pools, RAM if the CPU draws (bytes, or with K, M, G, KiB, MiB, GiB)
     #[arg(long, value_name = "BYTES", default_value = "512MiB", value_parser = parse_bytes)]
     pub budget_gpu: u64,
     /// log2 offset on the pixel's footprint before a level is chosen; negative is finer
