@@ -113,6 +113,11 @@ impl Gpu {
         self.check()
     }
 
+    /// Whether the adapter is the CPU with a driver that stands in for a GPU.
+    pub fn is_software(&self) -> bool {
+        self.info.device_type == wgpu::DeviceType::Cpu
+    }
+
     /// Name and kind of the adapter, for reports.
     pub fn describe(&self) -> String {
         format!(

@@ -8,18 +8,25 @@
 //! | [`texture_pool`] | texture pool manager: which tiles and bricks are in the pools | render |
 //! | [`memory`] | the pools on the device, uploads | render |
 //! | [`caster`] | ray caster, compaction, ring of read-backs | render |
+//! | `backend` | what the renderer draws with: the four above, or the CPU | render |
+//! | `cpu` | the CPU caster: pools in RAM, rays on all cores | render, parallel inside |
 //! | [`bias`] | footprint bias that keeps the working set in the pool | render |
-//! | [`mod@reference`] | the CPU reference: the same rules in f64 by other code | any, parallel inside |
+//! | `march` | the rules of a ray on the CPU, in f64 and f32 | any |
+//! | [`mod@reference`] | the CPU reference: those rules in f64 over everything in the files | any, parallel inside |
 //! | [`gpu`], [`picture`], [`settings`], [`error`] | device, pictures, settings, errors | any |
 //! | `testing` | trees in memory for tests; only with the feature of that name | any |
 
+mod backend;
 pub mod bias;
 pub mod caster;
+mod cpu;
 pub mod error;
 pub mod gpu;
+mod march;
 pub mod memory;
 pub mod node_lists;
 pub mod picture;
+mod record;
 pub mod reference;
 pub mod renderer;
 pub mod settings;
@@ -27,3 +34,5 @@ pub mod terrain;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod texture_pool;
+
+pub use backend::Device;

@@ -24,6 +24,20 @@ pub const MAX_UPLOAD_BRICKS: usize = 2048;
 /// Most node words of one upload.
 pub const MAX_UPLOAD_NODES: usize = 1 << 16;
 
+/// Bytes of a brick slot's stamp, and of two node tiles with theirs.
+const SLOT_BYTES: u64 = 4 + 2 * (64 + 4);
+
+/// Refuses pools of so few bricks that not even the roots of a view fit.
+fn check_count(budget: u64, bricks: u64) -> Result<(), RuntimeError> {
+    if bricks < 8 {
+        return Err(RuntimeError::Budget {
+            budget,
+            reason: format!("it holds {bricks} bricks"),
+        });
+    }
+    Ok(())
+}
+
 /// Sizes of the pools.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PoolSizes {
@@ -58,9 +72,7 @@ impl PoolSizes {
             slots: [1; 3],
             tiles: 1,
         };
-        // A brick slot with its stamp, and two node tiles with theirs.
-        let per_brick = smallest.brick_bytes() + 4 + 2 * (64 + 4);
-        let wanted = budget / per_brick;
+        let wanted = budget / (smallest.brick_bytes() + SLOT_BYTES);
         let most = smallest.slot().map(|s| limits.max_texture_dimension_3d / s);
         // A tile has 64 bytes, in one storage binding.
         let binding = limits.max_storage_buffer_binding_size;
@@ -75,17 +87,34 @@ impl PoolSizes {
             slots[axis] = ((wanted / others.max(1)) as u32).clamp(1, most[axis]);
         }
         let bricks: u64 = slots.iter().map(|s| u64::from(*s)).product();
-        if wanted < 8 || bricks < 8 {
-            return Err(RuntimeError::Budget {
-                budget,
-                reason: format!("it holds {wanted} bricks"),
-            });
-        }
+        check_count(budget, wanted.min(bricks))?;
         let tiles = (bricks * 2 + 64).min(binding / 64).min(1 << 27) as u32;
         Ok(Self {
             slots,
             tiles,
             ..smallest
+        })
+    }
+
+    /// The same in RAM, where nothing but the budget is a limit; `brick_bytes`: of a brick there.
+    ///
+    /// # Errors
+    /// If not even a few bricks fit.
+    pub(crate) fn fit_memory(
+        budget: u64,
+        layout: SampleLayout,
+        layers: Layers,
+        blocks: bool,
+        brick_bytes: u64,
+    ) -> Result<Self, RuntimeError> {
+        let bricks = (budget / (brick_bytes + SLOT_BYTES)).min(1 << 26);
+        check_count(budget, bricks)?;
+        Ok(Self {
+            layout,
+            layers,
+            blocks,
+            slots: [bricks as u32, 1, 1],
+            tiles: (bricks * 2 + 64) as u32,
         })
     }
 

@@ -27,3 +27,18 @@ pub struct RayCounters {
     /// Pixels that came out NaN or infinite.
     pub not_finite: u64,
 }
+
+impl std::ops::Add for RayCounters {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            rays_hit: self.rays_hit + other.rays_hit,
+            nodes: self.nodes + other.nodes,
+            samples: self.samples + other.samples,
+            texture_reads: self.texture_reads + other.texture_reads,
+            capped: self.capped + other.capped,
+            not_finite: self.not_finite + other.not_finite,
+        }
+    }
+}

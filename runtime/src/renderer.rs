@@ -4,24 +4,22 @@
 //! rays asked for, upload, cast, compact, start the next read-back. Nothing in [`Renderer::frame`] waits for a disk or for
 //! the device. [`Renderer::settle`] repeats frames, and does wait, until a picture has all it asks for.
 
-mod record;
 mod settle;
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use brickfell_culler::{Camera, Culler, Cut, Expiry, Readiness, VisibleTree};
-use brickfell_formats::blocks::{NORMAL_SCALE, NORMAL_ZERO};
 use brickfell_pager::{Lookahead, PageFault, PageKey, Pager, PagerConfig, PagerStats, Store};
-use brickfell_shaders::layout;
 
+use crate::backend::{Backend, Cast, Device, Drawn};
 use crate::bias::BiasController;
-use crate::caster::{Caster, Feedback, MAX_TREES, REQUEST_CAPACITY};
+use crate::caster::{Feedback, MAX_TREES, REQUEST_CAPACITY};
 use crate::error::RuntimeError;
-use crate::gpu::Gpu;
-use crate::memory::{MAX_UPLOAD_BRICKS, PoolMemory, PoolSizes};
+use crate::memory::MAX_UPLOAD_BRICKS;
 use crate::node_lists::{ActiveTree, NodeList, NodeListProcessors};
 use crate::picture::Picture;
+use crate::record::least_level;
 use crate::settings::RenderSettings;
 use crate::terrain::Terrain;
 use crate::texture_pool::{TexturePoolManager, priority};
@@ -97,14 +95,12 @@ pub struct FrameReport {
 /// Draws a terrain.
 #[derive(Debug)]
 pub struct Renderer {
-    gpu: Arc<Gpu>,
+    backend: Backend,
     terrain: Terrain,
     culler: Culler,
     pager: Pager,
     processors: NodeListProcessors,
-    memory: PoolMemory,
     pool: TexturePoolManager,
-    caster: Caster,
     bias: BiasController,
     frame: u32,
     /// Merges so far; several in a frame while settling.
@@ -136,8 +132,7 @@ struct InFlight {
 
 struct Prepared {
     report: FrameReport,
-    encoder: wgpu::CommandEncoder,
-    records: Vec<layout::Tree>,
+    drawn: Vec<Drawn>,
     active: Vec<ActiveTree>,
     start: Instant,
 }
@@ -163,21 +158,13 @@ impl Renderer {
     /// # Errors
     /// If the pools do not fit the budget or the device, or no thread can be started.
     pub fn new(
-        gpu: Arc<Gpu>,
+        device: impl Into<Device>,
         store: Arc<dyn Store>,
         terrain: Terrain,
         config: RendererConfig,
     ) -> Result<Self, RuntimeError> {
-        let keep_blocks = terrain.compressed && config.keep_blocks && gpu.reads_blocks;
-        let sizes = PoolSizes::fit(
-            config.gpu_budget,
-            terrain.layout,
-            terrain.layers,
-            keep_blocks,
-            &gpu.device.limits(),
-        )?;
-        let memory = PoolMemory::new(&gpu, sizes)?;
-        let caster = Caster::new(&gpu, &memory)?;
+        let backend = Backend::new(device.into(), config.gpu_budget, &terrain, config.keep_blocks)?;
+        let sizes = backend.sizes();
         let pager = Pager::new(
             store,
             (terrain.trees.iter().chain(&terrain.coarse_trees))
@@ -186,7 +173,7 @@ impl Renderer {
             PagerConfig {
                 budget_bytes: config.ram_budget,
                 threads: config.loader_threads,
-                keep_blocks,
+                keep_blocks: sizes.blocks,
                 ..Default::default()
             },
         );
@@ -195,13 +182,11 @@ impl Renderer {
             .map_err(|e| RuntimeError::Device(format!("no thread can be started: {e}")))?;
         let faults = terrain.faults.clone();
         Ok(Self {
-            gpu,
+            backend,
             culler: Culler::new(),
             pager,
             processors,
-            memory,
             pool: TexturePoolManager::new(sizes),
-            caster,
             bias: BiasController::default(),
             frame: 0,
             merges: 0,
@@ -238,7 +223,7 @@ impl Renderer {
     /// Takes the read-backs that arrived: usage, counters, requests. With `settling`, so that the requests do not depend on
     /// which ray was first: without repetitions, and not at all if the list had no room for all of them.
     fn absorb(&mut self, settling: bool) {
-        for mut feedback in self.caster.collect(&self.gpu, &self.memory) {
+        for mut feedback in self.backend.collect() {
             self.pool.touch(&feedback);
             let mut asked = feedback.request_count;
             if settling && feedback.is_truncated() {
@@ -285,9 +270,7 @@ impl Renderer {
     ) -> Result<Prepared, RuntimeError> {
         let start = Instant::now();
         settings.check(camera).map_err(RuntimeError::Argument)?;
-        self.gpu.check()?;
-        self.caster
-            .resize(&self.gpu, &self.memory, camera.width, camera.height)?;
+        self.backend.begin(camera)?;
         self.frame += 1;
         let frame = self.frame;
         let mut report = FrameReport {
@@ -323,7 +306,7 @@ impl Renderer {
         report.trees_visible = result.visible.len();
 
         let upload = Instant::now();
-        let (mut records, mut active) = (Vec::new(), Vec::new());
+        let (mut drawn, mut active) = (Vec::new(), Vec::new());
         for wanted in &result.wanted {
             self.in_use.touch(wanted.tree, u64::from(frame));
             report.trees_waiting += usize::from(!use_root(&mut self.pager, wanted));
@@ -351,14 +334,12 @@ impl Renderer {
             }
             match self.pool.activate(tree, &state, frame) {
                 Some(root) => {
-                    let least_level = record::least_level(header.depth, visible.beyond);
-                    records.push(record::tree_record(
-                        camera,
-                        &header,
-                        &visible.bounds,
+                    drawn.push(Drawn {
+                        header,
+                        bounds: visible.bounds,
                         root,
-                        least_level,
-                    ));
+                        least_level: least_level(header.depth, visible.beyond),
+                    });
                     active.push(ActiveTree { tree, state });
                 }
                 None => report.trees_waiting += 1,
@@ -368,7 +349,7 @@ impl Renderer {
         (self.in_use).expire(u64::from(frame), TREE_KEEP_FRAMES, |tree| {
             pager.release_tree(tree)
         });
-        report.trees_active = records.len();
+        report.trees_active = drawn.len();
         self.pending = self.pool.apply(&self.list, &mut self.pager, frame, brick_limit);
         report.pending = self.pending;
         (self.lookahead).ask(&mut self.pager, &self.terrain.graph, camera, footprint);
@@ -381,7 +362,7 @@ impl Renderer {
         );
 
         let in_use = self.pool.bricks_in_use(self.feedback.frame.max(1));
-        let slots = f64::from(self.memory.sizes.bricks());
+        let slots = f64::from(self.backend.sizes().bricks());
         let demand = f64::from(in_use) + self.pending as f64;
         let ram = self.pager.over_budget();
         self.bias.update(frame, camera, &[(demand, slots), (ram, 1.0)]);
@@ -390,13 +371,7 @@ impl Renderer {
         let batch = self.pool.take_uploads();
         report.uploads = batch.bricks.len();
         report.node_updates = batch.nodes.len();
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        if !(batch.nodes.is_empty() && batch.bricks.is_empty()) {
-            let times = self.caster.timestamps(0);
-            report.bytes_uploaded =
-                self.memory
-                    .upload(&self.gpu, &mut encoder, &batch.nodes, &batch.bricks, times);
-        }
+        report.bytes_uploaded = self.backend.upload(&batch);
         report.bricks_resident = self.pool.bricks_resident();
         report.upload_ms = ms(upload);
         if report.uploads > 0 {
@@ -405,8 +380,7 @@ impl Renderer {
         }
         Ok(Prepared {
             report,
-            encoder,
-            records,
+            drawn,
             active,
             start,
         })
@@ -422,17 +396,24 @@ impl Renderer {
     ) -> Result<FrameReport, RuntimeError> {
         let Prepared {
             mut report,
-            mut encoder,
-            records,
+            drawn,
             active,
             start,
         } = prepared;
         let submit = Instant::now();
-        let uniform = self.frame_uniform(camera, settings, records.len() as u32, report.bias, stride);
-        let entry = self.caster.encode(&self.gpu, &mut encoder, &uniform, &records);
-        self.gpu.queue.submit([encoder.finish()]);
-        if let Some(entry) = entry {
-            self.caster.submitted(entry);
+        // Which pixel of a group is drawn goes round with the frames.
+        let first = [self.frame % stride, self.frame / stride % stride];
+        let is_read_back = self.backend.cast(&Cast {
+            camera,
+            settings,
+            frame: self.frame,
+            bias: report.bias,
+            stride,
+            first,
+            request_share: self.request_share,
+            drawn: &drawn,
+        });
+        if is_read_back {
             self.in_flight.push(InFlight {
                 frame: self.frame,
                 trees: active.into(),
@@ -444,60 +425,12 @@ impl Renderer {
         Ok(report)
     }
 
-    fn frame_uniform(
-        &self,
-        camera: &Camera,
-        settings: &RenderSettings,
-        tree_count: u32,
-        bias: f64,
-        stride: u32,
-    ) -> layout::Frame {
-        let sizes = self.memory.sizes;
-        // Which pixel of a group is drawn goes round with the frames.
-        let first = glam::UVec2::new(self.frame % stride, self.frame / stride % stride).as_dvec2();
-        let origin = camera.screen(first.x, first.y);
-        let next = camera.screen(first.x + f64::from(stride), first.y + f64::from(stride));
-        let axis = |v: glam::DVec3, w: f64| v.extend(w).as_vec4().to_array();
-        let (segment_shift, segment_samples) = settings.segment();
-        let texels = sizes.texels().map(|t| 1.0 / t as f32);
-        let [x, y, z] = sizes.slot();
-        let [normal_scale, normal_zero] =
-            [NORMAL_SCALE, NORMAL_ZERO].map(|v| glam::Vec3::from(v.map(f32::from)));
-        layout::Frame {
-            size: [camera.width.div_ceil(stride), camera.height.div_ceil(stride)],
-            tree_count,
-            frame: self.frame,
-            screen_origin: origin.as_vec2().to_array(),
-            screen_step: (next - origin).as_vec2().to_array(),
-            forward: axis(camera.forward, 0.0),
-            right: axis(camera.right, 0.0),
-            up: axis(camera.up, 0.0),
-            sun: axis(settings.sun, settings.ambient),
-            diffuse: settings.diffuse as f32,
-            footprint: (camera.pixel_size() * bias.exp2()) as f32,
-            fade: settings.fade() as f32,
-            blocks: u32::from(sizes.blocks),
-            slots: [sizes.slots[0], sizes.slots[1], sizes.slots[2], 0],
-            texel: [texels[0], texels[1], texels[2], 0.0],
-            brick_slots: sizes.bricks(),
-            node_tiles: sizes.tiles,
-            request_capacity: REQUEST_CAPACITY,
-            request_share: self.request_share,
-            segment_shift,
-            segment_samples,
-            pad: [0; 2],
-            slot: [x, y, z, 0],
-            normal_scale: (255.0 / normal_scale).extend(0.0).to_array(),
-            normal_zero: (-normal_zero / normal_scale).extend(0.0).to_array(),
-        }
-    }
-
     /// The last picture, in linear light; waits for the device.
     ///
     /// # Errors
     /// If nothing was drawn yet or the device failed.
     pub fn read_picture(&self) -> Result<Picture, RuntimeError> {
-        self.caster.read_picture(&self.gpu)
+        self.backend.read_picture()
     }
 
     /// What the rays of the newest frame that was read back reported.
@@ -512,22 +445,22 @@ impl Renderer {
 
     /// Bytes of a brick in the pool.
     pub fn brick_bytes(&self) -> u64 {
-        self.memory.sizes.brick_bytes()
+        self.backend.brick_bytes()
     }
 
     /// Brick slots of the pool.
     pub fn brick_slots(&self) -> u32 {
-        self.memory.sizes.bricks()
+        self.backend.sizes().bricks()
     }
 
     /// Whether bricks that are block-compressed on disk are not so on the device, because it cannot read them or is not to.
     pub fn decodes_blocks(&self) -> bool {
-        self.terrain.compressed && !self.memory.sizes.blocks
+        self.terrain.compressed && !self.backend.sizes().blocks
     }
 
     /// Bytes held on the device.
     pub fn gpu_bytes(&self) -> u64 {
-        self.memory.bytes() + self.caster.bytes()
+        self.backend.bytes()
     }
 
     /// Everything that could not be read so far, one line each.
@@ -540,8 +473,21 @@ impl Renderer {
         &self.terrain
     }
 
-    /// The device.
-    pub fn gpu(&self) -> &Arc<Gpu> {
-        &self.gpu
+    /// Waits until the device has drawn what it was given. Never called by a frame that runs in real time.
+    ///
+    /// # Errors
+    /// If the device failed.
+    pub fn wait(&self) -> Result<(), RuntimeError> {
+        self.backend.wait()
+    }
+
+    /// Name and kind of the device, for reports.
+    pub fn device(&self) -> String {
+        self.backend.describe()
+    }
+
+    /// How the device is reached: `vulkan`, `metal`, `dx12`, or `cpu`.
+    pub fn backend(&self) -> String {
+        self.backend.name()
     }
 }

@@ -7,6 +7,7 @@ use brickfell::holes::count_holes;
 use brickfell_culler::Camera;
 use brickfell_formats::blocks::Between;
 use brickfell_pager::{FolderStore, Store};
+use brickfell_runtime::Device;
 use brickfell_runtime::gpu::Gpu;
 use brickfell_runtime::picture::{Picture, RayCounters};
 use brickfell_runtime::reference::Reference;
@@ -18,7 +19,7 @@ use glam::DVec3;
 use crate::pictures::{Bound, assert_alike, disagreements};
 
 /// Pools that hold everything the tests draw, unless a test asks for less.
-const GPU_BUDGET: u64 = 160 << 20;
+pub const GPU_BUDGET: u64 = 160 << 20;
 
 /// The one device of the test process.
 ///
@@ -83,6 +84,19 @@ impl World {
         Self::new(Arc::new(FolderStore::open(folder).unwrap()))
     }
 
+    /// The same with a reference that reads blocks to the nearest code, as the CPU caster does, instead of as the device does.
+    ///
+    /// # Panics
+    /// If it cannot be opened.
+    pub fn read_to_nearest(self) -> Self {
+        let terrain = Terrain::open(&self.store).unwrap();
+        let reference = Reference::open(Arc::clone(&self.store), &terrain.scene).unwrap();
+        Self {
+            reference: Arc::new(reference),
+            ..self
+        }
+    }
+
     /// A renderer with pools for everything.
     pub fn renderer(&self) -> Renderer {
         self.renderer_within(GPU_BUDGET)
@@ -108,6 +122,19 @@ impl World {
         Renderer::new(gpu(), Arc::clone(&self.store), terrain, config).unwrap()
     }
 
+    /// A renderer that draws with the CPU, with pools that hold as many bricks as a GPU's of so many bytes.
+    ///
+    /// # Panics
+    /// If there is no room.
+    pub fn cpu_renderer_within(&self, gpu_budget: u64) -> Renderer {
+        let config = RendererConfig {
+            gpu_budget: gpu_budget * 5 / 2,
+            ..RendererConfig::default()
+        };
+        let terrain = Terrain::open(&self.store).unwrap();
+        Renderer::new(Device::Cpu, Arc::clone(&self.store), terrain, config).unwrap()
+    }
+
     /// The reference's picture.
     ///
     /// # Panics
@@ -118,7 +145,7 @@ impl World {
         picture
     }
 
-    /// Draws a settled picture on the GPU, compares it with the reference's and returns both.
+    /// Draws a settled picture, compares it with the reference's and returns both.
     ///
     /// # Panics
     /// If the pictures are farther apart than the bound, or hits differ outside the silhouettes, or the settled frame is

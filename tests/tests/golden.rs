@@ -168,6 +168,41 @@ fn the_gpu_agrees_with_the_reference_about_blocks() {
     });
 }
 
+/// Not run with exact filtering: no device draws.
+#[test]
+fn the_cpu_agrees_with_the_reference_about_samples_axes_and_blocks() {
+    let default = RenderSettings::default();
+    let settings = [
+        ("default", default),
+        ("nearest level", RenderSettings { fade: 0.0, ..default }),
+        ("bias 2", RenderSettings { bias: 2.0, ..default }),
+        ("half steps", RenderSettings { step: -1, ..default }),
+        ("double steps", RenderSettings { step: 1, ..default }),
+    ];
+    for (layout, filter) in [
+        (SampleLayout::Centre, Filter::Axes),
+        (SampleLayout::Corner, Filter::Coverage),
+    ] {
+        let (worlds, cameras) = {
+            let mut demo = demo();
+            let samples = demo.filtered_world(TREE, layout, filter);
+            let blocks = demo.compressed_world(TREE, layout, filter).read_to_nearest();
+            ([("samples", samples), ("blocks", blocks)], cameras(&demo))
+        };
+        for (kind, world) in &worlds {
+            let mut renderer = world.cpu_renderer_within(world::GPU_BUDGET);
+            assert!(!renderer.decodes_blocks());
+            for (setting, render) in settings {
+                for (name, camera) in &cameras[..2] {
+                    let what = format!("{layout:?}, {kind}, {setting}, {name}, by the CPU");
+                    let both = world.check(&what, &mut renderer, camera, &render, BOUND);
+                    assert!(covered(&both.gpu) > 320 * 240 / 5, "{what} shows little");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn blocks_take_a_quarter_of_the_pool_and_of_memory() {
     exactly("blocks_take_a_quarter_of_the_pool_and_of_memory", || {

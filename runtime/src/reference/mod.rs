@@ -1,24 +1,21 @@
-//! The CPU reference: the ray caster's rules once more, in f64, to find the GPU's faults.
+//! The CPU reference: the ray caster's rules in f64, to find the faults of the others.
 //!
-//! It reads the same tree and brick files as the pager does but shares no code with the GPU's caster: positions are f64
-//! in finest voxels instead of fixed point, every descent starts at the root, and the end of each segment is the exit
-//! of an explicit box, found by dividing. Everything counts as resident, so there are no fallbacks and no requests.
+//! It reads the same tree and brick files as the pager does and shares no code with the GPU's caster. With the CPU's it shares the march
+//! (module `march`), but none of what that is fast by: it marches in f64, every descent starts at the root, every voxel
+//! is looked at, and samples are decoded where they are filtered. Everything counts as resident, so there are no fallbacks and no
+//! requests.
 //!
 //! | module | what |
 //! |---|---|
-//! | `tree` | a tree's files, read when rays need them |
-//! | `sampling` | filtering, light, opacity over a segment |
-//! | `walk` | one ray through one tree, segment by segment |
+//! | `tree` | a tree's files, read when rays need them; descents |
+//! | `sampling` | filtering |
 //! | `cut` | which trees, and coarse trees in their place |
-//! | `cells` | integer boxes and the exact way through them |
 //!
 //! [`Reference`] may be used from any thread; [`Reference::render`] spreads rows over the rayon pool of its caller.
 
-mod cells;
 mod cut;
-mod sampling;
+pub(crate) mod sampling;
 mod tree;
-mod walk;
 
 #[cfg(test)]
 mod testing;
@@ -42,12 +39,11 @@ use brickfell_pager::store::Store;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::march::{Lens, Passage, Ray, Shading, Transport, View, Walk};
 use crate::picture::{Picture, RayCounters};
 use crate::settings::RenderSettings;
 use cut::{Group, Numbers};
-use sampling::Shading;
-use tree::Tree;
-use walk::{Passage, Ray, Transport, Walk};
+use tree::{FromRoot, Tree};
 
 /// Why the reference cannot draw.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -159,13 +155,13 @@ impl Reference {
                 let mut counters = RayCounters::default();
                 let mut passages = Vec::new();
                 for (column, pixel) in pixels.iter_mut().enumerate() {
-                    let ray = scene.ray(camera, column as f64, row as f64);
-                    let rgba = scene.cast(&ray, &mut passages, &mut counters)?;
+                    let ray = camera.ray(column as f64, row as f64);
+                    let rgba = scene.cast(ray, &mut passages, &mut counters)?;
                     *pixel = rgba.map(|c| c as f32);
                 }
                 Ok(counters)
             })
-            .try_reduce(RayCounters::default, |a, b| Ok(add(&a, &b)))?;
+            .try_reduce(RayCounters::default, |a, b| Ok(a + b))?;
         Ok((
             Picture {
                 width: camera.width,
@@ -188,27 +184,16 @@ impl Reference {
         py: f64,
     ) -> Result<[f64; 4], ReferenceError> {
         let scene = Scene::new(self, camera, settings)?;
-        scene.cast(
-            &scene.ray(camera, px, py),
-            &mut Vec::new(),
-            &mut RayCounters::default(),
-        )
+        scene.cast(camera.ray(px, py), &mut Vec::new(), &mut RayCounters::default())
     }
 }
 
-/// Components from here on count as not finite.
-const LARGEST: f64 = 1e6;
-
 /// What all rays of a picture share.
 struct Scene<'a> {
-    trees: &'a [Tree],
-    /// Those that are drawn, with their least fractional levels.
-    cut: Vec<(usize, f64)>,
-    shading: Shading,
-    fade: f64,
-    segment: (u32, u32),
-    /// Footprint of a pixel times 2^bias, metres per metre of depth.
-    footprint: f64,
+    /// The trees that are drawn.
+    trees: Vec<(&'a Tree, View)>,
+    lens: Lens,
+    shading: Shading<f64>,
 }
 
 impl<'a> Scene<'a> {
@@ -218,90 +203,61 @@ impl<'a> Scene<'a> {
         settings: &RenderSettings,
     ) -> Result<Self, ReferenceError> {
         settings.check(camera).map_err(ReferenceError::Argument)?;
-        let footprint = camera.pixel_size() * settings.bias.exp2();
-        let (trees, mut cut) = (&reference.trees, Vec::new());
-        (reference.root).cut(trees, camera.eye, camera.forward, footprint, &mut cut);
-        Ok(Self {
-            trees,
-            cut,
-            shading: Shading::new(settings),
+        let lens = Lens {
+            eye: camera.eye,
+            footprint: camera.pixel_size() * settings.bias.exp2(),
             fade: settings.fade(),
             segment: settings.segment(),
-            footprint,
-        })
+        };
+        Ok(Self::through(reference, camera.forward, lens, settings))
     }
 
-    fn ray(&self, camera: &Camera, px: f64, py: f64) -> Ray {
-        self.ray_along(camera.eye, camera.ray(px, py))
-    }
-
-    fn ray_along(&self, eye: DVec3, direction: DVec3) -> Ray {
-        let Self {
-            footprint,
-            fade,
-            segment,
-            shading,
-            ..
-        } = *self;
-        Ray {
-            eye,
-            direction,
-            length: direction.length(),
-            footprint,
-            fade,
-            segment,
-            shading,
+    /// The scene through a lens that looks along a direction.
+    fn through(reference: &'a Reference, forward: DVec3, lens: Lens, settings: &RenderSettings) -> Self {
+        let mut cut = Vec::new();
+        (reference.root).cut(&reference.trees, lens.eye, forward, lens.footprint, &mut cut);
+        let trees = cut.into_iter().map(|(k, least_level)| {
+            let tree = &reference.trees[k];
+            (tree, View::new(&tree.header, tree.bounds, least_level, &lens))
+        });
+        Self {
+            trees: trees.collect(),
+            lens,
+            shading: Shading::new(settings),
         }
     }
 
     /// Premultiplied linear RGBA of a ray. `passages` is scratch, so that rays do not allocate.
     fn cast(
         &self,
-        ray: &Ray,
-        passages: &mut Vec<(Passage, (usize, f64))>,
+        direction: DVec3,
+        passages: &mut Vec<(Passage, usize)>,
         counters: &mut RayCounters,
     ) -> Result<[f64; 4], ReferenceError> {
         passages.clear();
-        passages.extend(
-            self.cut
-                .iter()
-                .filter_map(|drawn| Some((Passage::through(&self.trees[drawn.0], ray)?, *drawn))),
-        );
+        let entered =
+            (self.trees.iter().enumerate()).filter_map(|(k, (_, view))| Some((view.passage(direction)?, k)));
+        passages.extend(entered);
         passages.sort_by(|(a, _), (b, _)| a.enter.total_cmp(&b.enter).then(a.leave.total_cmp(&b.leave)));
+        let ray = Ray::new(direction);
         let mut transport = Transport::default();
-        for (passage, (k, least_level)) in passages.iter() {
-            Walk::new(&self.trees[*k], ray, *passage, *least_level).run(&mut transport)?;
+        for (passage, k) in passages.iter() {
+            let (tree, view) = &self.trees[*k];
+            Walk::new(
+                view,
+                &self.lens,
+                &self.shading,
+                &mut FromRoot(tree),
+                &ray,
+                *passage,
+            )
+            .run(&mut transport)?;
             if transport.saturated() {
                 break;
             }
         }
-        let mut rgba = transport.rgba();
-        // Not-a-number is not below anything.
-        if !rgba.iter().all(|c| c.abs() < LARGEST) {
-            rgba = [0.0; 4];
-            counters.not_finite += 1;
-        } else if rgba[3] > 0.0 {
-            *counters = add(
-                counters,
-                &RayCounters {
-                    rays_hit: 1,
-                    ..transport.counters
-                },
-            );
-        }
-        counters.capped += transport.capped;
+        let (rgba, counts) = transport.finish();
+        *counters = *counters + counts;
         Ok(rgba)
-    }
-}
-
-/// Sums of two sets of counters.
-fn add(a: &RayCounters, b: &RayCounters) -> RayCounters {
-    RayCounters {
-        rays_hit: a.rays_hit + b.rays_hit,
-        nodes: a.nodes + b.nodes,
-        samples: a.samples + b.samples,
-        texture_reads: a.texture_reads + b.texture_reads,
-        capped: a.capped + b.capped,
-        not_finite: a.not_finite + b.not_finite,
     }
 }

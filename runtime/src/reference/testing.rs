@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use brickfell_culler::Camera;
 use glam::DVec3;
 
 use super::{Reference, ReferenceError, Scene};
+use crate::march::Lens;
 use crate::picture::RayCounters;
 use crate::settings::RenderSettings;
 pub(super) use crate::testing::*;
@@ -34,16 +34,15 @@ pub(super) fn shoot(
     fade: f64,
 ) -> ([f64; 4], RayCounters) {
     let settings = RenderSettings::default();
-    let camera = Camera::look_at(DVec3::ZERO, DVec3::Y, 60.0, 1, 1).unwrap();
-    let scene = Scene {
+    let lens = Lens {
+        eye,
         footprint,
         fade,
-        ..Scene::new(reference, &camera, &settings).unwrap()
+        segment: settings.segment(),
     };
+    let scene = Scene::through(reference, DVec3::Y, lens, &settings);
     let mut counters = RayCounters::default();
-    let rgba = scene
-        .cast(&scene.ray_along(eye, direction), &mut Vec::new(), &mut counters)
-        .unwrap();
+    let rgba = scene.cast(direction, &mut Vec::new(), &mut counters).unwrap();
     assert!(
         rgba.iter().all(|c| c.is_finite()) && (0.0..=1.0).contains(&rgba[3]),
         "{eye} {direction}: {rgba:?}"

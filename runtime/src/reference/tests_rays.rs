@@ -7,8 +7,9 @@ use glam::{DVec3, UVec3, dvec3};
 use proptest::prelude::*;
 
 use super::testing::*;
-use super::walk::{Passage, Transport, Walk};
+use super::tree::FromRoot;
 use super::{Reference, Scene};
+use crate::march::{Ray, Transport, Walk};
 use crate::settings::RenderSettings;
 
 /// A number from numbers, the same every time.
@@ -292,14 +293,16 @@ fn a_ray_that_needs_more_segments_than_its_cap_is_counted() {
     let reference = hill(DVec3::ZERO);
     let camera = Camera::look_at(dvec3(-5.0, 8.1, 10.5), dvec3(40.0, 8.3, 10.4), 1.0, 1, 1).unwrap();
     let scene = Scene::new(&reference, &camera, &RenderSettings::default()).unwrap();
-    let ray = scene.ray(&camera, 0.0, 0.0);
-    let tree = &reference.trees[0];
+    let direction = camera.ray(0.0, 0.0);
+    let (tree, view) = &scene.trees[0];
     let capped = |cap: Option<u64>| {
-        let mut walk = Walk::new(tree, &ray, Passage::through(tree, &ray).unwrap(), 0.0);
+        let mut nodes = FromRoot(tree);
+        let (ray, passage) = (Ray::new(direction), view.passage(direction).unwrap());
+        let mut walk = Walk::new(view, &scene.lens, &scene.shading, &mut nodes, &ray, passage);
         walk.cap = cap.unwrap_or(walk.cap);
         let mut transport = Transport::default();
         walk.run(&mut transport).unwrap();
-        transport.capped
+        transport.counters.capped
     };
     assert_eq!((capped(None), capped(Some(3))), (0, 1));
 }

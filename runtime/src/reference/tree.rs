@@ -9,14 +9,16 @@ use std::sync::{Arc, OnceLock};
 use brickfell_formats::blocks::{Between, Texels};
 use brickfell_formats::bricks::{self, BrickIndex, HEADER_BYTES, brick_file_name};
 use brickfell_formats::chunk::{Chunk, Encoding};
-use brickfell_formats::octree::{Node, TreeHeader};
+use brickfell_formats::octree::{Node, NodeData, TreeHeader, octant};
 use brickfell_formats::octree_binary::{self, OctreeIndex};
 use brickfell_formats::{FormatError, octree_xml};
 use brickfell_pager::store::Store;
-use glam::DVec3;
+use glam::{DVec3, IVec3};
 
 use super::ReferenceError;
 use super::sampling::{Brick, Samples};
+use crate::march::{Cell, Place, Shown, Source};
+use crate::picture::RayCounters;
 
 type Once<T> = OnceLock<Result<T, ReferenceError>>;
 
@@ -184,6 +186,60 @@ impl Tree {
         let index = header.decode_directory(&directory).map_err(format)?;
         let chunks = index.chunks.iter().map(|_| OnceLock::new()).collect();
         Ok(BrickFile { name, index, chunks })
+    }
+}
+
+/// The nodes of a tree, each found from the root.
+pub(super) struct FromRoot<'t>(pub(super) &'t Tree);
+
+impl<'t> FromRoot<'t> {
+    fn shown(&self, level: u8, node: Node) -> Result<Shown<Brick<'t>>, ReferenceError> {
+        Ok(match node.data() {
+            NodeData::Constant(color) => Shown::Constant(color),
+            NodeData::Brick(number) => Shown::Brick(self.0.brick(level, number)?),
+        })
+    }
+}
+
+impl<'t> Source<f64> for FromRoot<'t> {
+    type Brick = Brick<'t>;
+    type Error = ReferenceError;
+
+    fn descend(
+        &mut self,
+        cell: Cell,
+        wanted: u8,
+        mixing: bool,
+        counters: &mut RayCounters,
+    ) -> Result<Option<Place<Self::Brick>>, ReferenceError> {
+        // What to shift a cell by to count it in nodes of a level.
+        let shift = |level: u8| u32::from(self.0.header.depth - level) + 3;
+        let (mut level, mut parent) = (0u8, None);
+        let mut node = self.0.node(0, 0)?;
+        counters.nodes += 1;
+        while level < wanted
+            && let Some(tile) = node.children()
+        {
+            parent = Some(node);
+            level += 1;
+            let here = octant((IVec3::from(cell) >> shift(level)).as_uvec3());
+            node = self.0.node(level, tile as usize * 8 + here as usize)?;
+            counters.nodes += 1;
+        }
+        let parent = match parent {
+            Some(parent) if mixing && level == wanted => Some(self.shown(level - 1, parent)?),
+            _ => None,
+        };
+        Ok(Some(Place {
+            level,
+            wanted,
+            mixing,
+            terminal: node.children().is_none(),
+            stands_in: false,
+            low: cell.map(|c| c >> shift(level) << shift(level)),
+            shown: self.shown(level, node)?,
+            parent,
+        }))
     }
 }
 

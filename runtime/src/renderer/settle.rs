@@ -63,7 +63,7 @@ impl Renderer {
             let start = prepared.start;
             let all_asked = self.request_share == 1;
             let mut report = self.draw(camera, settings, prepared, stride)?;
-            self.gpu.wait()?;
+            self.backend.wait()?;
             report.frame_ms = ms(start);
             self.absorb_frame();
             self.processors.wait_idle();
@@ -116,7 +116,7 @@ impl Renderer {
             if self.pager.is_idle() && !self.pool.upload_is_full() {
                 return Ok((prepared, uploads));
             }
-            self.gpu.queue.submit([prepared.encoder.finish()]);
+            self.backend.flush();
             // Until nothing is under way; what failed is asked for again in the next round.
             let mut stats = self.pager.stats();
             while stats.queued + stats.loading + stats.ready > 0 {

@@ -14,7 +14,9 @@ use super::*;
 #[test]
 fn pixels_that_are_not_finite_are_counted() {
     exactly("counters::pixels_that_are_not_finite_are_counted", || {
-        let Stage { world, mut renderer } = Stage::new(neighbours());
+        let Stage {
+            world, mut renderer, ..
+        } = Stage::new(neighbours());
         let camera = look(DVec3::new(-30.0, -20.0, 20.0), DVec3::new(1.0, 1.0, -0.6), 40, 30);
         let plain = RenderSettings::default();
         renderer.settle(&camera, &plain).unwrap();

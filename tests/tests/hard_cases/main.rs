@@ -101,29 +101,37 @@ fn hash(values: impl IntoIterator<Item = i32>) -> u32 {
     mixed ^ mixed >> 16
 }
 
-/// A small scene with its renderer.
+/// A small scene with its renderers.
 struct Stage {
     world: World,
     renderer: Renderer,
+    cpu: Renderer,
 }
 
 impl Stage {
     fn new(maker: Maker) -> Self {
-        let world = maker.finish();
-        let renderer = world.renderer_within(SMALL_POOL);
-        Self { world, renderer }
+        Self::within(maker, SMALL_POOL)
     }
 
     /// For scenes of thousands of bricks.
     fn large(maker: Maker) -> Self {
-        let world = maker.finish();
-        let renderer = world.renderer();
-        Self { world, renderer }
+        Self::within(maker, world::GPU_BUDGET)
     }
 
+    fn within(maker: Maker, gpu_budget: u64) -> Self {
+        let world = maker.finish();
+        Self {
+            renderer: world.renderer_within(gpu_budget),
+            cpu: world.cpu_renderer_within(gpu_budget),
+            world,
+        }
+    }
+
+    /// Both casters against the reference; the GPU's picture is given back.
     fn check(&mut self, what: &str, camera: &Camera, settings: &RenderSettings, bound: Bound) -> Both {
-        self.world
-            .check(what, &mut self.renderer, camera, settings, bound)
+        let name = format!("{what}, by the CPU");
+        (self.world).check(&name, &mut self.cpu, camera, settings, bound);
+        (self.world).check(what, &mut self.renderer, camera, settings, bound)
     }
 
     /// With the settings of every day and the bound of these tests.

@@ -103,7 +103,8 @@ fn cameras_and_settings_without_a_picture() {
         refused("no row", Camera { height: 0, ..good }, plain);
         refused("bias beyond f64", good, biased(1e9));
         // The renderer goes on, and numbers that are only large are drawn.
-        let mut stage = Stage { world, renderer };
+        let cpu = world.cpu_renderer_within(SMALL_POOL);
+        let mut stage = Stage { world, renderer, cpu };
         assert!(covered(&stage.close("good", &good).gpu) > 0);
         for far in [1e12, 1e30, 1e300] {
             let eye = DVec3::new(far, -far, far);

@@ -19,7 +19,7 @@ use serde_json::json;
 
 use super::scenes::{build_demo, demo_input};
 use super::{Row, Settings, caster, row, truth};
-use crate::commands::{CommandError, open_gpu};
+use crate::commands::CommandError;
 use crate::holes::count_holes;
 
 const WIDTH: u32 = 320;
@@ -60,57 +60,64 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
         look("village", village)?,
         look("crag", crag)?,
     ];
-    let mut rows = of_scene("demo", &demo, views)?;
+    let mut rows = of_scene(settings, "demo", &demo, views)?;
     let hills = caster::scene(settings)?;
     let views = caster::views()?.map(|(view, camera)| (view.to_string(), camera));
-    rows.extend(of_scene(caster::SCENE, &hills, views.into())?);
+    rows.extend(of_scene(settings, caster::SCENE, &hills, views.into())?);
     for truth::Views {
         scene,
         folder,
         cameras,
     } in truth::views(settings)?
     {
-        rows.extend(of_scene(&scene, &folder, cameras)?);
+        rows.extend(of_scene(settings, &scene, &folder, cameras)?);
     }
     Ok(rows)
 }
 
-fn of_scene(scene: &str, folder: &Path, views: Vec<(String, Camera)>) -> Result<Vec<Row>, CommandError> {
+fn of_scene(
+    settings: &Settings<'_>,
+    scene: &str,
+    folder: &Path,
+    views: Vec<(String, Camera)>,
+) -> Result<Vec<Row>, CommandError> {
     let store: Arc<dyn Store> = Arc::new(FolderStore::open(folder)?);
-    let terrain = Terrain::open(&store)?;
-    let reference = Reference::open(Arc::clone(&store), &terrain.scene)?;
+    let reference = Reference::open(Arc::clone(&store), &Terrain::open(&store)?.scene)?;
     let config = RendererConfig {
         gpu_budget: 1 << 30,
         ..RendererConfig::default()
     };
-    let mut renderer = Renderer::new(open_gpu()?, store, terrain, config)?;
     let render = RenderSettings::default();
     let mut rows = Vec::new();
-    for (view, camera) in views {
-        let (report, frames) = renderer.settle(&camera, &render)?;
-        let picture = renderer.read_picture()?;
-        let bias = RenderSettings {
-            bias: report.bias,
-            ..render
-        };
-        let (truth, _) = reference.render(&camera, &bias)?;
-        let differences = differences(&picture, &truth);
-        let within = |limit: u8| {
-            let count = differences.iter().filter(|d| **d <= limit).count();
-            100.0 * count as f64 / differences.len() as f64
-        };
-        rows.push(row(json!({
-            "scene": scene,
-            "view": view,
-            "width": camera.width,
-            "height": camera.height,
-            "percent_within_1": within(1),
-            "percent_within_3": within(3),
-            "worst": differences.iter().max(),
-            "holes": count_holes(&picture, &truth),
-            "requests": renderer.feedback().request_count,
-            "settle_frames": frames,
-        }))?);
+    for device in caster::devices(settings)? {
+        let mut renderer = Renderer::new(device, Arc::clone(&store), Terrain::open(&store)?, config)?;
+        for (view, camera) in &views {
+            let (report, frames) = renderer.settle(camera, &render)?;
+            let picture = renderer.read_picture()?;
+            let bias = RenderSettings {
+                bias: report.bias,
+                ..render
+            };
+            let (truth, _) = reference.render(camera, &bias)?;
+            let differences = differences(&picture, &truth);
+            let within = |limit: u8| {
+                let count = differences.iter().filter(|d| **d <= limit).count();
+                100.0 * count as f64 / differences.len() as f64
+            };
+            rows.push(row(json!({
+                "scene": scene,
+                "view": view,
+                "backend": renderer.backend(),
+                "width": camera.width,
+                "height": camera.height,
+                "percent_within_1": within(1),
+                "percent_within_3": within(3),
+                "worst": differences.iter().max(),
+                "holes": count_holes(&picture, &truth),
+                "requests": renderer.feedback().request_count,
+                "settle_frames": frames,
+            }))?);
+        }
     }
     Ok(rows)
 }

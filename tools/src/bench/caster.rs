@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use brickfell_culler::Camera;
 use brickfell_pager::{FolderStore, Store};
+use brickfell_runtime::Device;
 use brickfell_runtime::picture::RayCounters;
 use brickfell_runtime::reference::Reference;
 use brickfell_runtime::renderer::{Renderer, RendererConfig};
@@ -56,13 +57,20 @@ fn open(settings: &Settings<'_>) -> Result<(Arc<dyn Store>, Terrain), CommandErr
     Ok((store, terrain))
 }
 
-fn renderer(store: Arc<dyn Store>, terrain: Terrain) -> Result<Renderer, CommandError> {
+/// What is measured: the device, and the CPU if that is wanted.
+pub(super) fn devices(settings: &Settings<'_>) -> Result<Vec<Device>, CommandError> {
+    let mut devices = vec![open_gpu()?.into()];
+    devices.extend(settings.cpu.then_some(Device::Cpu));
+    Ok(devices)
+}
+
+fn renderer(device: Device, store: Arc<dyn Store>, terrain: Terrain) -> Result<Renderer, CommandError> {
     let config = RendererConfig {
         ram_budget: 2 << 30,
         gpu_budget: 1 << 30,
         ..Default::default()
     };
-    Ok(Renderer::new(open_gpu()?, store, terrain, config)?)
+    Ok(Renderer::new(device, store, terrain, config)?)
 }
 
 fn figures(
@@ -99,17 +107,13 @@ pub(super) fn measure(
     for _ in 0..repetitions {
         let start = Instant::now();
         renderer.frame(camera, render)?;
-        renderer.gpu().wait()?;
+        renderer.wait()?;
         let wall = start.elapsed().as_secs_f64() * 1e3;
         // The read-back that the next frame takes is this one's; its device time is free of what the frame did besides.
         let device = renderer.feedback().gpu_ms[1];
         times.push(if device > 0.0 { device } else { wall });
     }
     Ok((Percentiles::of(times).p50, renderer.feedback().counters))
-}
-
-pub(super) fn backend(renderer: &Renderer) -> String {
-    format!("{:?}", renderer.gpu().info.backend).to_lowercase()
 }
 
 pub(super) fn repetitions(settings: &Settings<'_>) -> usize {
@@ -121,19 +125,21 @@ pub(super) fn repetitions(settings: &Settings<'_>) -> usize {
 /// # Errors
 /// If the scene cannot be built or drawn.
 pub fn default_rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
-    let (store, terrain) = open(settings)?;
-    let mut renderer = renderer(store, terrain)?;
     let mut rows = Vec::new();
-    for (view, camera) in views()? {
-        let (ms, counters) = measure(
-            &mut renderer,
-            &camera,
-            &RenderSettings::default(),
-            repetitions(settings),
-        )?;
-        let mut row = figures(view, &backend(&renderer), "default", ms, &counters)?;
-        row.remove("setting");
-        rows.push(row);
+    for device in devices(settings)? {
+        let (store, terrain) = open(settings)?;
+        let mut renderer = renderer(device, store, terrain)?;
+        for (view, camera) in views()? {
+            let (ms, counters) = measure(
+                &mut renderer,
+                &camera,
+                &RenderSettings::default(),
+                repetitions(settings),
+            )?;
+            let mut row = figures(view, &renderer.backend(), "default", ms, &counters)?;
+            row.remove("setting");
+            rows.push(row);
+        }
     }
     Ok(rows)
 }
@@ -145,7 +151,7 @@ pub fn default_rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
 pub fn variants(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let (store, terrain) = open(settings)?;
     let scene = terrain.scene.clone();
-    let mut renderer = renderer(Arc::clone(&store), terrain)?;
+    let mut renderer = renderer(open_gpu()?.into(), Arc::clone(&store), terrain)?;
     let default = RenderSettings::default();
     let variants = [
         ("default", default),
@@ -158,7 +164,7 @@ pub fn variants(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     for (view, camera) in views()? {
         for (name, render) in variants {
             let (ms, counters) = measure(&mut renderer, &camera, &render, repetitions(settings))?;
-            rows.push(figures(view, &backend(&renderer), name, ms, &counters)?);
+            rows.push(figures(view, &renderer.backend(), name, ms, &counters)?);
         }
         let reference = Reference::open(Arc::clone(&store), &scene)?;
         // The first picture reads and decodes; the second is the time of the rays.

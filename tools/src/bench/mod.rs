@@ -36,6 +36,8 @@ pub struct Settings<'a> {
     pub own: Option<&'a OwnScene>,
     /// Fewer repetitions and smaller sweeps.
     pub quick: bool,
+    /// Measure the CPU caster, too.
+    pub cpu: bool,
 }
 
 /// A database and what it was built from.

@@ -18,6 +18,9 @@ pub struct Args {
     /// Fewer repetitions and smaller sweeps
     #[arg(long)]
     pub quick: bool,
+    /// Draw with the CPU's cores, too: suites caster and agreement
+    #[arg(long)]
+    pub cpu: bool,
     /// Folder for the results; built scenes are kept in it
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -80,6 +83,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         folder: &scenes,
         own: own.as_ref(),
         quick: args.quick,
+        cpu: args.cpu,
     };
     let chosen = SUITES
         .iter()

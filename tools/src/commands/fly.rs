@@ -17,7 +17,7 @@ use glam::DVec3;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::view_args::ViewArgs;
-use super::{CommandError, open_gpu, open_terrain, tell_of_blocks};
+use super::{CommandError, open_device, open_terrain, tell_of_blocks};
 use crate::flight::Flight;
 use crate::holes::count_holes;
 use crate::picture_file::{Image, over_sky, save_overview};
@@ -111,7 +111,12 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         Some(file) => Some(Trace::create(file).map_err(|e| file_error(file, e))?),
         None => None,
     };
-    let renderer = Renderer::new(open_gpu()?, Arc::clone(&store), terrain, args.view.config())?;
+    let renderer = Renderer::new(
+        open_device(&args.view)?,
+        Arc::clone(&store),
+        terrain,
+        args.view.config(),
+    )?;
     tell_of_blocks(&renderer);
     let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} frames, {eta} left");
     let bar = ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
@@ -266,7 +271,7 @@ impl Flying<'_> {
             let begin = Instant::now();
             let camera = self.camera(t)?;
             let report = self.renderer.frame(&camera, &self.settings)?;
-            self.renderer.gpu().wait()?;
+            self.renderer.wait()?;
             let frame_ms = begin.elapsed().as_secs_f64() * 1e3;
             let picture = self.renderer.read_picture()?;
             self.keep(t, camera, &report, frame_ms, None, &picture)?;
@@ -376,7 +381,7 @@ impl Flying<'_> {
             texture_reads_per_ray: per_ray(self.counters.texture_reads, &self.counters),
             rays_capped: self.counters.capped,
             pixels_not_finite: self.counters.not_finite,
-            adapter: self.renderer.gpu().describe(),
+            adapter: self.renderer.device(),
             faults: self.renderer.faults().to_vec(),
         };
         Report {

@@ -22,10 +22,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use brickfell_pager::{FolderStore, ProceduralConfig, ProceduralStore, Store};
+use brickfell_runtime::Device;
 use brickfell_runtime::error::RuntimeError;
 use brickfell_runtime::gpu::Gpu;
 use brickfell_runtime::renderer::Renderer;
 use brickfell_runtime::terrain::Terrain;
+
+use view_args::ViewArgs;
 
 /// What the program prints when a command fails.
 #[derive(Debug)]
@@ -88,7 +91,11 @@ pub fn open_terrain(terrain: &Path) -> Result<(Arc<dyn Store>, Terrain), Command
 /// # Errors
 /// If there is no adapter.
 pub fn open_gpu() -> Result<Arc<Gpu>, CommandError> {
-    Gpu::open().map_err(|e| match e {
+    explained(Gpu::open())
+}
+
+fn explained(gpu: Result<Arc<Gpu>, RuntimeError>) -> Result<Arc<Gpu>, CommandError> {
+    gpu.map_err(|e| match e {
         RuntimeError::NoAdapter => CommandError::new(
             e,
             "a software device is enough: `apt-get install mesa-vulkan-drivers` on Debian and Ubuntu",
@@ -97,12 +104,30 @@ pub fn open_gpu() -> Result<Arc<Gpu>, CommandError> {
     })
 }
 
+/// What to draw with: as asked for, else the GPU if there is one, else the CPU, which is faster than software that stands in for a GPU.
+/// Says so in one line if that was not asked for.
+///
+/// # Errors
+/// If there is no adapter and one is asked for, or it gives no device.
+pub fn open_device(view: &ViewArgs) -> Result<Device, CommandError> {
+    if view.cpu {
+        return Ok(Device::Cpu);
+    }
+    let reason = match Gpu::open() {
+        Ok(gpu) if gpu.is_software() && !view.gpu => format!("{} is software", gpu.info.name),
+        Err(error @ RuntimeError::NoAdapter) if !view.gpu => error.to_string(),
+        result => return Ok(explained(result)?.into()),
+    };
+    eprintln!("note: {reason}; the CPU draws (--gpu: it does not)");
+    Ok(Device::Cpu)
+}
+
 /// Says so where block-compressed bricks are drawn as samples.
 pub fn tell_of_blocks(renderer: &Renderer) {
     if renderer.decodes_blocks() {
         eprintln!(
             "note: {} reads no block-compressed 3D textures; bricks are decoded to samples",
-            renderer.gpu().info.name
+            renderer.device()
         );
     }
 }

@@ -12,7 +12,7 @@ use glam::DVec3;
 
 use super::input_args::InputArgs;
 use super::view_args::{ViewArgs, parse_point};
-use super::{CommandError, open_gpu, open_terrain, tell_of_blocks};
+use super::{CommandError, open_device, open_terrain, tell_of_blocks};
 use crate::picture_file::over_sky;
 use crate::truth::{Bottom, Truth};
 
@@ -33,11 +33,11 @@ pub struct Args {
     /// The PNG to write
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Draw with the CPU reference instead of the GPU
-    #[arg(long)]
+    /// Draw with the CPU reference, in double precision
+    #[arg(long, conflicts_with_all = ["cpu", "gpu"])]
     pub reference: bool,
     /// Draw the input that the database was built from, which is named as for `build`: many rays a pixel, no voxels
-    #[arg(long, conflicts_with = "reference")]
+    #[arg(long, conflicts_with_all = ["reference", "cpu", "gpu"])]
     pub truth: bool,
     /// Rays per pixel of --truth, rounded up to a square number
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=MAX_RAYS))]
@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
             terrain.faults,
         )
     } else {
-        let mut renderer = Renderer::new(open_gpu()?, store, terrain, args.view.config())?;
+        let mut renderer = Renderer::new(open_device(&args.view)?, store, terrain, args.view.config())?;
         tell_of_blocks(&renderer);
         renderer.settle(&camera, &settings)?;
         (renderer.read_picture()?, renderer.faults().to_vec())

@@ -26,12 +26,18 @@ pub struct ViewArgs {
     /// RAM that the pager may hold (bytes, or with K, M, G, KiB, MiB, GiB)
     #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = parse_bytes)]
     pub budget_ram: u64,
-    /// Device memory for the pools (bytes, or with K, M, G, KiB, MiB, GiB)
+    /// Device memory for the pools, RAM if the CPU draws (bytes, or with K, M, G, KiB, MiB, GiB)
     #[arg(long, value_name = "BYTES", default_value = "512MiB", value_parser = parse_bytes)]
     pub budget_gpu: u64,
     /// log2 offset on the pixel's footprint before a level is chosen; negative is finer
     #[arg(long, default_value_t = RenderSettings::default().bias, allow_negative_numbers = true)]
     pub bias: f64,
+    /// Draw with the CPU's cores, as happens by itself where there is no GPU
+    #[arg(long)]
+    pub cpu: bool,
+    /// Draw with the GPU, or with what stands in for one, though that be slower than the CPU's cores
+    #[arg(long, conflicts_with = "cpu")]
+    pub gpu: bool,
     /// Sun as azimuth (clockwise from north) and elevation, degrees
     #[arg(long, value_name = "AZ,EL", default_value = "135,45", value_parser = parse_sun, allow_hyphen_values = true)]
     pub sun: (f64, f64),

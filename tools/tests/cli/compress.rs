@@ -120,6 +120,7 @@ fn a_scene_that_says_the_wrong_thing_is_found() {
         "16,16,4",
         "--size",
         "16x12",
+        "--gpu",
         "--out",
     ];
     let render = run("render", db.path(), &[&view[..], &[&picture]].concat());

@@ -17,7 +17,7 @@ const FRAMES: usize = 2;
 fn fly(db: &Path, out: &Path) -> Run {
     let (db, out) = (db.display().to_string(), out.display().to_string());
     brickfell([
-        "fly", &db, "--settle", "--frames", "2", "--size", "48x32", "--out", &out,
+        "fly", &db, "--gpu", "--settle", "--frames", "2", "--size", "48x32", "--out", &out,
     ])
 }
 
@@ -235,11 +235,12 @@ fn a_scene_that_cannot_be_read_is_one_line_and_leaves_nothing() {
 }
 
 #[test]
-fn pictures_are_drawn_by_gpu_and_reference() {
+fn pictures_are_drawn_by_gpu_cpu_and_reference() {
     let dir = tempfile::tempdir().unwrap();
     let db = shared().join("db").display().to_string();
-    for reference in [false, true] {
-        let file = dir.path().join(format!("{reference}.png"));
+    let mut pictures = Vec::new();
+    for by in ["--gpu", "--cpu", "--reference"] {
+        let file = dir.path().join(format!("{by}.png"));
         let path = file.display().to_string();
         let mut args = vec![
             "render",
@@ -253,10 +254,15 @@ fn pictures_are_drawn_by_gpu_and_reference() {
             "--out",
             &path,
         ];
-        args.extend(reference.then_some("--reference"));
+        args.push(by);
         brickfell(args).success();
-        assert_eq!(image::open(&file).unwrap().to_rgb8().dimensions(), (40, 30));
+        let picture = image::open(&file).unwrap().to_rgb8();
+        assert_eq!(picture.dimensions(), (40, 30));
+        pictures.push(picture);
     }
+    let pairs = pictures[1].iter().zip(pictures[2].iter());
+    let apart = pairs.filter(|(c, r)| c.abs_diff(**r) > 1).count();
+    assert!(apart <= 3, "{apart} components");
     let file = dir.path().join("none.png").display().to_string();
     for (eye, fov) in [
         ("nan,0,0", "60"),
@@ -273,7 +279,7 @@ fn pictures_are_drawn_by_gpu_and_reference() {
 }
 
 #[test]
-fn without_an_adapter_there_is_a_hint_and_no_picture() {
+fn without_an_adapter_the_cpu_draws_unless_a_gpu_is_asked_for() {
     let out = tempfile::tempdir().unwrap();
     let db = shared().join("db");
     let hidden = |args: &[&str]| {
@@ -297,10 +303,42 @@ fn without_an_adapter_there_is_a_hint_and_no_picture() {
         "--out",
         &path,
     ];
-    for args in [&args[..], &["adapter"]] {
+    for args in [&[&args[..], &["--gpu"]].concat()[..], &["adapter"]] {
         let run = hidden(args);
         assert!(run.error(1).contains("adapter"), "{}", run.err);
         assert!(run.err.contains("mesa-vulkan-drivers"), "{}", run.err);
     }
     assert!(!file.exists());
+    let run = hidden(&args);
+    run.success();
+    assert!(run.err.contains("the CPU draws"), "{}", run.err);
+    assert!(file.exists());
+}
+
+#[test]
+fn the_cpu_flies_settled_and_in_real_time() {
+    let db = shared().join("db").display().to_string();
+    for settle in [true, false] {
+        let out = tempfile::tempdir().unwrap();
+        let folder = out.path().display().to_string();
+        let mut args = vec![
+            "fly", &db, "--cpu", "--frames", "2", "--size", "48x32", "--out", &folder,
+        ];
+        args.extend(settle.then_some("--settle"));
+        let run = brickfell(args);
+        run.success();
+        let summary = &report(out.path())["summary"];
+        assert!(
+            summary["adapter"].as_str().unwrap().starts_with("CPU"),
+            "{summary}"
+        );
+        assert_eq!(summary["rays_capped"], 0);
+        if settle {
+            assert_eq!(
+                (&summary["holes"], &summary["requests_last_frame"]),
+                (&0.into(), &0.into())
+            );
+            assert!((0..2).all(|frame| colors(out.path(), frame) > 20));
+        }
+    }
 }

@@ -17,7 +17,8 @@ fn a_terrain_of_a_seed_is_flown_twice_alike_and_its_trace_is_summed_up() {
         let out = dir.path().join(name).display().to_string();
         let trace = format!("{out}.json");
         let run = brickfell([
-            "fly", TERRAIN, "--settle", "--frames", "2", "--size", "48x32", "--out", &out, "--trace", &trace,
+            "fly", TERRAIN, "--gpu", "--settle", "--frames", "2", "--size", "48x32", "--out", &out,
+            "--trace", &trace,
         ]);
         run.success();
         let frame = |k: usize| fs::read(format!("{out}/frame_{k:04}.png")).unwrap();
@@ -119,6 +120,7 @@ fn trees_that_hide_each_other_in_a_circle_are_a_warning_and_are_drawn() {
     let out = dir.path().join("picture.png").display().to_string();
     brickfell([
         "render",
+        "--gpu",
         &db,
         "--eye",
         "-20,-20,-20",

@@ -21,7 +21,7 @@ use brickfell_runtime::settings::RenderSettings;
 use brickfell_runtime::terrain::Terrain;
 use serde::Serialize;
 
-use super::caster::{backend, measure, repetitions};
+use super::caster::{measure, repetitions};
 use super::{Row, Settings, row};
 use crate::commands::{CommandError, open_gpu};
 use crate::holes::{count_holes, count_thick, inside, least_alpha_inside};
@@ -204,7 +204,7 @@ impl Open {
         let brick_bytes = self.renderer.brick_bytes();
         let bytes = used(&feedback.used_bricks) * brick_bytes + used(&feedback.used_tiles) * TILE_BYTES;
         let cost = Cost {
-            backend: backend(&self.renderer),
+            backend: self.renderer.backend(),
             ms,
             bytes,
             bias: report.bias,

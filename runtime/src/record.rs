@@ -12,7 +12,7 @@ const FARTHEST_CELL: f64 = (1u32 << 24) as f64;
 
 /// A tree as the kernel sees it: everything relative to the depth where it begins, worked out in f64. Of the tree, what lies in
 /// `bounds` is drawn.
-pub(super) fn tree_record(
+pub(crate) fn tree_record(
     camera: &Camera,
     header: &TreeHeader,
     bounds: &Aabb,
@@ -54,7 +54,7 @@ pub(super) fn tree_record(
 /// The least fractional level of a tree; `beyond` is [`VisibleTree::beyond`](brickfell_culler::VisibleTree::beyond). All of a coarse
 /// tree has the level of its group's nearest depth: where it takes over its finest level alone is drawn, which holds the
 /// samples of what is inside.
-pub(super) fn least_level(depth: u8, beyond: Option<f64>) -> f64 {
+pub(crate) fn least_level(depth: u8, beyond: Option<f64>) -> f64 {
     beyond.map_or(0.0, |octaves| (f64::from(depth) - octaves).max(0.0))
 }
 
