@@ -28,6 +28,8 @@ use crate::texture_pool::{TexturePoolManager, priority};
 
 /// Frames after which an unseen tree is released.
 const TREE_KEEP_FRAMES: u64 = 300;
+/// Trees above which tiles of pixels get lists of those that their rays may meet.
+const LISTED_FROM: u32 = 8;
 /// Milliseconds of a real-time frame that uploads may take.
 const UPLOAD_BUDGET_MS: f64 = 4.0;
 
@@ -485,7 +487,8 @@ impl Renderer {
             request_share: self.request_share,
             segment_shift,
             segment_samples,
-            pad: [0; 2],
+            lists: u32::from(tree_count > LISTED_FROM),
+            pad: 0,
             slot: [x, y, z, 0],
             normal_scale: (255.0 / normal_scale).extend(0.0).to_array(),
             normal_zero: (-normal_zero / normal_scale).extend(0.0).to_array(),
