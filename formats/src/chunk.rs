@@ -15,6 +15,7 @@ use crate::blocks::BlockChunk;
 use crate::error::FormatError;
 use crate::layout::{BRICK_VOXELS, SampleLayout};
 use crate::morton;
+use crate::occupancy::Occupancy;
 use crate::pack::{self, Costs, Grid};
 
 /// Largest chunk: 4³ bricks, one bit each in a 64-bit mask.
@@ -329,6 +330,12 @@ impl Chunk {
     pub fn brick_opacity(&self, k: usize) -> Option<&[[u8; 4]]> {
         let n = self.layout.samples();
         self.opacity.get(k * n..(k + 1) * n)
+    }
+
+    /// Where brick k shows anything.
+    pub fn occupancy(&self, k: usize) -> Occupancy {
+        let color = self.brick_color(k);
+        Occupancy::new(self.layout, |at| color[at][3] != 0)
     }
 
     /// What is stored of each sample.

@@ -13,6 +13,7 @@
 //! | [`blocks`] | the same as blocks that graphics hardware reads |
 //! | [`layout`] | where samples lie in a brick (9³ corners or 10³ centres) |
 //! | [`value`] | what a stored sample means: colour, opacity, normal |
+//! | [`occupancy`] | where a brick shows anything |
 //! | [`morton`] | the order of nodes, bricks and chunks |
 //!
 //! `docs/formats.md` gives the byte diagrams.
@@ -23,6 +24,7 @@ pub mod chunk;
 pub mod error;
 pub mod layout;
 pub mod morton;
+pub mod occupancy;
 pub mod octree;
 pub mod octree_binary;
 pub mod octree_xml;

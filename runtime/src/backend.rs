@@ -20,6 +20,9 @@ use crate::settings::RenderSettings;
 use crate::terrain::Terrain;
 use crate::texture_pool::UploadBatch;
 
+/// Trees above which tiles of pixels get lists of those that their rays may meet.
+const LISTED_FROM: usize = 8;
+
 /// What to draw with.
 #[derive(Clone, Debug)]
 pub enum Device {
@@ -302,7 +305,8 @@ fn frame_uniform(cast: &Cast<'_>, sizes: PoolSizes) -> layout::Frame {
         request_share: cast.request_share,
         segment_shift,
         segment_samples,
-        pad: [0; 2],
+        lists: u32::from(cast.drawn.len() > LISTED_FROM),
+        pad: 0,
         slot: [x, y, z, 0],
         normal_scale: (255.0 / normal_scale).extend(0.0).to_array(),
         normal_zero: (-normal_zero / normal_scale).extend(0.0).to_array(),

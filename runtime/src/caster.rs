@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
 use brickfell_shaders::layout::{self, COUNTER_WORDS, Request, TABLE_WORDS};
-use brickfell_shaders::{CAST, COMPACT};
+use brickfell_shaders::{CAST, COMPACT, LISTS};
 
 use crate::error::RuntimeError;
 use crate::gpu::Gpu;
@@ -64,6 +64,8 @@ struct Target {
     width: u32,
     height: u32,
     output: wgpu::Texture,
+    lists: wgpu::Buffer,
+    list_trees: wgpu::BindGroup,
     cast: wgpu::BindGroup,
     compact_pixels: wgpu::BindGroup,
 }
@@ -71,6 +73,7 @@ struct Target {
 /// Pipelines and per-frame buffers of the ray caster.
 #[derive(Debug)]
 pub struct Caster {
+    list_trees: wgpu::ComputePipeline,
     cast: wgpu::ComputePipeline,
     compact_pixels: wgpu::ComputePipeline,
     compact_usage: wgpu::ComputePipeline,
@@ -95,6 +98,7 @@ impl Caster {
     /// If the device reports an error.
     pub fn new(gpu: &Gpu, pools: &PoolMemory) -> Result<Self, RuntimeError> {
         use wgpu::BufferUsages as B;
+        let list_trees = gpu.compute_pipeline("list trees", LISTS, "list_trees");
         let cast = gpu.compute_pipeline("cast", CAST, "cast_rays");
         let compact_pixels = gpu.compute_pipeline("compact pixels", COMPACT, "compact_pixels");
         let compact_usage = gpu.compute_pipeline("compact usage", COMPACT, "compact_usage");
@@ -150,6 +154,7 @@ impl Caster {
         });
         gpu.check()?;
         Ok(Self {
+            list_trees,
             cast,
             compact_pixels,
             compact_usage,
@@ -172,11 +177,10 @@ impl Caster {
     pub fn bytes(&self) -> u64 {
         let fixed = self.trees.size() + self.requests.size() + self.used.size();
         let ring: u64 = self.ring.iter().map(|r| r.buffer.size()).sum();
-        let pixels = self
-            .target
-            .as_ref()
-            .map_or(0, |t| u64::from(t.width) * u64::from(t.height) * 24);
-        fixed + ring + pixels
+        let target = self.target.as_ref().map_or(0, |t| {
+            u64::from(t.width) * u64::from(t.height) * 24 + t.lists.size()
+        });
+        fixed + ring + target
     }
 
     /// Makes the buffers fit a picture size.
@@ -235,6 +239,19 @@ impl Caster {
             view_formats: &[],
         });
         let feedback = gpu.buffer("feedback", feedback_bytes, wgpu::BufferUsages::STORAGE);
+        let lists = gpu.buffer(
+            "lists of trees",
+            u64::from(tiles(width, height)) * layout::LIST_WORDS as u64 * 4,
+            wgpu::BufferUsages::STORAGE,
+        );
+        let list_trees = gpu.bind(
+            &self.list_trees,
+            &[
+                (0, self.uniform.as_entire_binding()),
+                (1, self.trees.as_entire_binding()),
+                (2, lists.as_entire_binding()),
+            ],
+        );
         let cast = gpu.bind(
             &self.cast,
             &[
@@ -254,6 +271,8 @@ impl Caster {
                 (10, self.counters.as_entire_binding()),
                 (11, self.requests.as_entire_binding()),
                 (12, wgpu::BindingResource::TextureView(&pools.opacity)),
+                (13, pools.occupancy.as_entire_binding()),
+                (14, lists.as_entire_binding()),
             ],
         );
         let compact_pixels = gpu.bind(
@@ -269,6 +288,8 @@ impl Caster {
             width,
             height,
             output,
+            lists,
+            list_trees,
             cast,
             compact_pixels,
         });
@@ -306,9 +327,14 @@ impl Caster {
                 label: Some("cast"),
                 timestamp_writes: self.timestamps(1),
             });
+            let [width, height] = frame.size;
+            if frame.lists != 0 {
+                pass.set_pipeline(&self.list_trees);
+                pass.set_bind_group(0, &target.list_trees, &[]);
+                pass.dispatch_workgroups(tiles(width, height).div_ceil(64), 1, 1);
+            }
             pass.set_pipeline(&self.cast);
             pass.set_bind_group(0, &target.cast, &[]);
-            let [width, height] = frame.size;
             pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
         }
         let entry = self
@@ -420,6 +446,11 @@ impl Caster {
             pixels,
         })
     }
+}
+
+/// Tiles of 8×8 pixels.
+fn tiles(width: u32, height: u32) -> u32 {
+    width.div_ceil(8) * height.div_ceil(8)
 }
 
 fn parse(frame: u32, bytes: &[u8], sizes: [u64; 3], period: Option<f32>, pools: &PoolMemory) -> Feedback {

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use brickfell_formats::blocks as coding;
 use brickfell_formats::chunk::Layers;
 use brickfell_formats::layout::SampleLayout;
+use brickfell_formats::occupancy::{GAP_WORDS, Occupancy};
 use brickfell_pager::ChunkPage;
 use brickfell_shaders::{SCATTER, layout};
 
@@ -37,6 +38,10 @@ fn check_count(budget: u64, bricks: u64) -> Result<(), RuntimeError> {
     }
     Ok(())
 }
+
+/// Bytes that tell where a brick shows anything.
+const OCCUPANCY_BYTES: u64 = layout::OCCUPANCY_WORDS as u64 * 4;
+const _: () = assert!(layout::OCCUPANCY_WORDS == 2 + GAP_WORDS);
 
 /// Sizes of the pools.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,7 +77,7 @@ impl PoolSizes {
             slots: [1; 3],
             tiles: 1,
         };
-        let wanted = budget / (smallest.brick_bytes() + SLOT_BYTES);
+        let wanted = budget / (smallest.brick_bytes() + OCCUPANCY_BYTES + SLOT_BYTES);
         let most = smallest.slot().map(|s| limits.max_texture_dimension_3d / s);
         // A tile has 64 bytes, in one storage binding.
         let binding = limits.max_storage_buffer_binding_size;
@@ -159,7 +164,7 @@ impl PoolSizes {
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
         self.brick_bytes() * u64::from(self.bricks())
-            + u64::from(self.bricks()) * 4
+            + u64::from(self.bricks()) * (OCCUPANCY_BYTES + 4)
             + u64::from(self.tiles) * 68
     }
 }
@@ -197,6 +202,8 @@ pub struct PoolMemory {
     /// Their sizes.
     pub sizes: PoolSizes,
     pub(crate) nodes: wgpu::Buffer,
+    /// Where each slot's brick shows anything: [`layout::OCCUPANCY_WORDS`] words.
+    pub(crate) occupancy: wgpu::Buffer,
     pub(crate) brick_stamps: wgpu::Buffer,
     pub(crate) tile_stamps: wgpu::Buffer,
     pub(crate) color: wgpu::TextureView,
@@ -204,6 +211,10 @@ pub struct PoolMemory {
     pub(crate) opacity: wgpu::TextureView,
     scatter_nodes: wgpu::ComputePipeline,
     node_bindings: wgpu::BindGroup,
+    scatter_occupancy: wgpu::ComputePipeline,
+    occupancy_bindings: wgpu::BindGroup,
+    occupancy_updates: wgpu::Buffer,
+    staging: Vec<u32>,
     uniform: wgpu::Buffer,
     node_updates: wgpu::Buffer,
     bricks: BrickWriter,
@@ -223,6 +234,11 @@ impl PoolMemory {
         }
         let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let nodes = gpu.buffer("node pool", u64::from(sizes.tiles) * 64, B::STORAGE);
+        let occupancy = gpu.buffer(
+            "occupancy",
+            u64::from(sizes.bricks()) * OCCUPANCY_BYTES,
+            B::STORAGE,
+        );
         let brick_stamps = gpu.buffer("brick stamps", u64::from(sizes.bricks()) * 4, B::STORAGE);
         let tile_stamps = gpu.buffer("tile stamps", u64::from(sizes.tiles) * 4, B::STORAGE);
         let uniform = gpu.buffer(
@@ -235,6 +251,11 @@ impl PoolMemory {
             MAX_UPLOAD_NODES as u64 * 16,
             B::STORAGE | B::COPY_DST,
         );
+        let occupancy_updates = gpu.buffer(
+            "occupancy updates",
+            MAX_UPLOAD_BRICKS as u64 * (OCCUPANCY_BYTES + 4),
+            B::STORAGE | B::COPY_DST,
+        );
         let (bricks, views) = if sizes.blocks {
             let (writer, views) = BlockWriter::new(gpu, sizes);
             (BrickWriter::Blocks(writer), views)
@@ -242,15 +263,15 @@ impl PoolMemory {
             let (writer, views) = SampleWriter::new(gpu, sizes, &uniform);
             (BrickWriter::Samples(writer), views)
         };
-        let scatter_nodes = gpu.compute_pipeline("scatter nodes", SCATTER, "scatter_nodes");
-        let node_bindings = gpu.bind(
-            &scatter_nodes,
-            &[
-                (0, uniform.as_entire_binding()),
-                (1, node_updates.as_entire_binding()),
-                (2, nodes.as_entire_binding()),
-            ],
-        );
+        let scatter = |kernel, first, updates: &wgpu::Buffer, to: &wgpu::Buffer| {
+            let pipeline = gpu.compute_pipeline(kernel, SCATTER, kernel);
+            let buffers = [(0, &uniform), (first, updates), (first + 1, to)];
+            let bindings = gpu.bind(&pipeline, &buffers.map(|(k, b)| (k, b.as_entire_binding())));
+            (pipeline, bindings)
+        };
+        let (scatter_nodes, node_bindings) = scatter("scatter_nodes", 1, &node_updates, &nodes);
+        let (scatter_occupancy, occupancy_bindings) =
+            scatter("scatter_occupancy", 8, &occupancy_updates, &occupancy);
         if let Some(error) = pollster::block_on(scope.pop()) {
             return Err(RuntimeError::Budget {
                 budget: sizes.bytes(),
@@ -261,6 +282,7 @@ impl PoolMemory {
         Ok(Self {
             sizes,
             nodes,
+            occupancy,
             brick_stamps,
             tile_stamps,
             color: views.color,
@@ -268,6 +290,10 @@ impl PoolMemory {
             opacity: views.opacity,
             scatter_nodes,
             node_bindings,
+            scatter_occupancy,
+            occupancy_bindings,
+            occupancy_updates,
+            staging: Vec::new(),
             uniform,
             node_updates,
             bricks,
@@ -280,7 +306,7 @@ impl PoolMemory {
             BrickWriter::Samples(writer) => writer.buffer_bytes(),
             BrickWriter::Blocks(writer) => writer.buffer_bytes(),
         };
-        self.sizes.bytes() + self.node_updates.size() + upload
+        self.sizes.bytes() + self.node_updates.size() + self.occupancy_updates.size() + upload
     }
 
     /// Writes the staging buffers and encodes what puts their contents in place. At most [`MAX_UPLOAD_NODES`] node words (index,
@@ -304,7 +330,20 @@ impl PoolMemory {
         let queue = &gpu.queue;
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
         queue.write_buffer(&self.node_updates, 0, bytemuck::cast_slice(nodes));
-        let (mut sent, mut timestamps) = (nodes.len() as u64 * 16, timestamps);
+        self.staging.clear();
+        for upload in bricks {
+            let Occupancy { cells, gaps } = match &*upload.chunk {
+                ChunkPage::Samples(chunk) => chunk.occupancy(upload.brick as usize),
+                ChunkPage::Blocks(chunk) => chunk.occupancy(upload.brick as usize),
+            };
+            self.staging
+                .extend([upload.slot, cells as u32, (cells >> 32) as u32]);
+            self.staging.extend(gaps);
+        }
+        let staging = bytemuck::cast_slice(&self.staging);
+        queue.write_buffer(&self.occupancy_updates, 0, staging);
+        let mut sent = nodes.len() as u64 * 16 + staging.len() as u64;
+        let mut timestamps = timestamps;
         match &mut self.bricks {
             BrickWriter::Samples(writer) => sent += writer.send(gpu, sizes, bricks),
             BrickWriter::Blocks(writer) => {
@@ -325,10 +364,13 @@ impl PoolMemory {
             label: Some("upload"),
             timestamp_writes: timestamps,
         });
-        if let BrickWriter::Samples(writer) = &self.bricks
-            && !bricks.is_empty()
-        {
-            writer.scatter(&mut pass, sizes, bricks.len());
+        if !bricks.is_empty() {
+            if let BrickWriter::Samples(writer) = &self.bricks {
+                writer.scatter(&mut pass, sizes, bricks.len());
+            }
+            pass.set_pipeline(&self.scatter_occupancy);
+            pass.set_bind_group(0, &self.occupancy_bindings, &[]);
+            pass.dispatch_workgroups(1, bricks.len() as u32, 1);
         }
         if !nodes.is_empty() {
             pass.set_pipeline(&self.scatter_nodes);

@@ -49,8 +49,10 @@ pub struct Frame {
     pub segment_shift: u32,
     /// Samples in such a segment.
     pub segment_samples: u32,
+    /// 1: tiles of pixels have lists of the trees that their rays may meet.
+    pub lists: u32,
     /// Unused.
-    pub pad: [u32; 2],
+    pub pad: u32,
     /// Texels of a brick slot per axis; w unused.
     pub slot: [u32; 4],
     /// In blocks a normal is this times what the pool has, plus `normal_zero`; w unused.
@@ -123,6 +125,12 @@ pub const BRICK: u32 = 1 << 30;
 pub const AXES: u32 = 1 << 29;
 /// Bits of a node's first word: the tile of its children in the pool.
 pub const POINTER: u32 = AXES - 1;
+
+/// Words of the list of trees of a tile of 8×8 pixels: their number, then those that fit.
+pub const LIST_WORDS: usize = 128;
+
+/// Words that tell where a brick shows anything: two of cells, the others of gaps between samples.
+pub const OCCUPANCY_WORDS: usize = 25;
 
 /// Words of the counters at the head of the read-back.
 pub const COUNTER_WORDS: usize = 16;

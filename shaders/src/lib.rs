@@ -12,6 +12,9 @@ pub const CAST: &str = concat!(
     include_str!("wgsl/cast.wgsl")
 );
 
+/// Lists of trees: entry point `list_trees`, 64 tiles of 8×8 pixels.
+pub const LISTS: &str = concat!(include_str!("wgsl/frame.wgsl"), include_str!("wgsl/lists.wgsl"));
+
 /// Feedback compaction: entry points `compact_pixels` (64 spans of 64 pixels) and `compact_usage` (64 words).
 pub const COMPACT: &str = concat!(include_str!("wgsl/frame.wgsl"), include_str!("wgsl/compact.wgsl"));
 
@@ -67,6 +70,7 @@ mod tests {
     #[test]
     fn every_source_validates_and_shares_its_layout_with_rust() {
         let cast = module(CAST);
+        module(LISTS);
         module(COMPACT);
         let scatter = module(SCATTER);
         assert_layout!(
@@ -95,6 +99,7 @@ mod tests {
                 request_share,
                 segment_shift,
                 segment_samples,
+                lists,
                 slot,
                 normal_scale,
                 normal_zero,

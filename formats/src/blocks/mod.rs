@@ -32,6 +32,7 @@ mod looks;
 use crate::chunk::{Chunk, Layers};
 use crate::error::FormatError;
 use crate::layout::SampleLayout;
+use crate::occupancy::Occupancy;
 
 /// Texels of a slice of a brick per axis, x and y.
 pub const SLICE_SIDE: u32 = BLOCKS_PER_AXIS as u32 * 4;
@@ -202,6 +203,19 @@ impl BlockChunk {
         let (color, rest) = brick.split_at_checked(blocks * COLOR_BYTES).unwrap_or_default();
         let (normal, share) = rest.split_at_checked(blocks * PLAIN_BYTES).unwrap_or_default();
         [color, normal, share]
+    }
+
+    /// Where brick k shows anything.
+    pub fn occupancy(&self, k: usize) -> Occupancy {
+        let (halves, _) = self.brick(k)[0].as_chunks::<8>();
+        let mut some = vec![false; self.layout.samples()];
+        for (block, halves) in blocks(self.layout.side() as usize).zip(halves.chunks_exact(2)) {
+            let alphas = alpha::decode(halves[0], Between::Nearest);
+            for (t, at) in block.into_iter().enumerate().rev() {
+                some[at] = alphas[t] != 0;
+            }
+        }
+        Occupancy::new(self.layout, |at| some[at])
     }
 
     /// What the blocks of brick k say.

@@ -19,6 +19,10 @@
 @group(0) @binding(11) var<storage, read_write> requests: array<vec4<u32>>;
 
 @group(0) @binding(12) var brick_opacity: texture_3d<f32>;
+// Where the brick in each slot shows anything.
+@group(0) @binding(13) var<storage, read> occupancy: array<u32>;
+// The trees that the rays of each tile may meet.
+@group(0) @binding(14) var<storage, read> lists: array<u32>;
 
 const MAX_LEVELS: u32 = 21u;
 // Requests that one ray may make.
@@ -52,7 +56,7 @@ fn composite(light: Light) {
     }
 }
 
-// What a node shows of itself along a path. `local`: position in its brick, voxels from the low corner; `s`: length of the
+// What a node shows of itself along a path. `local`: position in its brick, voxels from the low corner, rounded; `s`: length of the
 // path in voxels of the node's level.
 fn convert(word: vec2<u32>, local: vec3<f32>, texel_offset: f32, gain: f32, s: f32) -> Light {
     var stored: vec4<f32>;
@@ -67,9 +71,7 @@ fn convert(word: vec2<u32>, local: vec3<f32>, texel_offset: f32, gain: f32, s: f
     } else {
         let slot = word.y - 1u;
         let cell = vec3(slot % frame.slots.x, slot / frame.slots.x % frame.slots.y, slot / (frame.slots.x * frame.slots.y));
-        // Rounded before the slot's offset is added: a brick gives the same bits in every slot.
-        let rounded = floor(local * 256.0 + 0.5) / 256.0;
-        let uvw = (vec3<f32>(cell * frame.slot.xyz) + (rounded + texel_offset)) * frame.texel.xyz;
+        let uvw = (vec3<f32>(cell * frame.slot.xyz) + (local + texel_offset)) * frame.texel.xyz;
         stored = textureSampleLevel(brick_color, linear_sampler, uvw, 0.0);
         texture_reads += 1u;
         if (stored.a > 0.0) {
@@ -114,6 +116,30 @@ fn stamp(index: u32, word: vec2<u32>) {
     if ((word.x & BRICK) != 0u && word.y != 0u) {
         atomicStore(&brick_stamps[word.y - 1u], frame.frame);
     }
+}
+
+// Which cells of a node that shows something show anything.
+fn shown_cells(word: vec2<u32>) -> vec2<u32> {
+    if ((word.x & BRICK) != 0u) {
+        let at = (word.y - 1u) * OCCUPANCY_WORDS;
+        return vec2(occupancy[at], occupancy[at + 1u]);
+    }
+    return select(vec2(0u), vec2(0xffffffffu), word.y >> 24u != 0u);
+}
+
+// A place in a brick (voxels from its low corner), rounded: a brick gives the same bits in every slot.
+fn rounded(local: vec3<f32>) -> vec3<f32> {
+    return floor(clamp(local, vec3(0.0), vec3(8.0)) * 256.0 + 0.5) / 256.0;
+}
+
+// Whether a node that shows something does so at a place in it.
+fn shows(word: vec2<u32>, local: vec3<f32>, texel_offset: f32) -> bool {
+    if ((word.x & BRICK) == 0u) {
+        return word.y >> 24u != 0u;
+    }
+    let gap = vec3<u32>(local + (texel_offset - 0.5));
+    let bit = gap.x + 9u * gap.y + 81u * gap.z;
+    return (occupancy[(word.y - 1u) * OCCUPANCY_WORDS + 2u + (bit >> 5u)] >> (bit & 31u) & 1u) != 0u;
 }
 
 fn octant(cell: vec3<i32>, shift: u32) -> u32 {
@@ -180,164 +206,220 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     var wanted = MAX_LEVELS; // level asked for at the last descent
     var fading = false;     // whether it was to be mixed with its parent
     var alone = true;       // the node is used without its parent
+    var shown = vec2(0u);   // cells of the node, and of its parent if that is used, that show anything
+    var parent_shown = vec2(0u);
+    var t_change = FAR;     // where the pair of levels in hand gives way to another
     var parts = frame.segment_samples; // of the segment, from here on
     var fine = 0u;          // level wanted where the segment begins, and its share
     var weight = 1.0;
     let deepest = f32(tree.depth);
     let log2_footprint = tree.log2_root_voxel - log2(frame.footprint);
 
-    for (var step = 0u; ; step++) {
-        if (step >= tree.max_steps * frame.segment_samples) {
-            capped = true;
-            return;
-        }
-        // The wanted level where a segment begins, fractional, and the two levels around it.
-        if (parts == frame.segment_samples) {
-            let lambda = clamp(log2_footprint - log2(max(tree.depth0 + t, 1e-30)), tree.least_level, deepest);
-            let coarser = floor(lambda);
-            weight = clamp((lambda - coarser - 0.5) / max(frame.fade, 1e-6) + 0.5, 0.0, 1.0);
-            fine = u32(coarser) + u32(weight > 0.0);
-            weight = select(weight, 1.0, weight == 0.0);
-        }
-
-        if (fine != wanted || (weight < 1.0) != fading || stacked < reached) {
-            // Descend from the common ancestor.
-            wanted = fine;
-            fading = weight < 1.0;
-            level = min(stacked, fine);
-            word = read_node(stack[level]);
-            while (level < fine && (word.x & POINTER) != 0u) {
-                level += 1u;
-                let index = (word.x & POINTER) * 8u + octant(cell, tree.depth + 3u - level);
-                stack[level] = index;
-                word = read_node(index);
-            }
-            stacked = level;
-            reached = level;
-            alone = level < fine || level == 0u || !fading;
-            if ((level < fine && (word.x & TERMINAL) == 0u) || !has_data(word)) {
-                ask(tree_index, fine, cell, tree.depth + 3u - fine);
-                alone = true;
-                while (level > 0u && !has_data(word)) {
-                    level -= 1u;
-                    word = read_node(stack[level]);
-                }
-                if (!has_data(word)) {
-                    return;
-                }
-            }
-            stamp(stack[level], word);
-            if (!alone) {
-                parent = read_node(stack[level - 1u]);
-                stamp(stack[level - 1u], parent);
-                if (!has_data(parent)) {
-                    // Tiles come ahead of bricks: a constant node may be here before the brick it is mixed with.
-                    ask(tree_index, fine, cell, tree.depth + 3u - fine);
-                    alone = true;
-                }
-            }
-        }
-
-        // The box of the segment, in finest voxels: one voxel of the node's level (2^segment_shift of them), or where the
-        // value is constant more.
-        let voxel_shift = tree.depth - level;
-        let node_shift = voxel_shift + 3u;
-        let node_low = (cell >> vec3(node_shift)) << vec3(node_shift);
-        let is_constant = (word.x & BRICK) == 0u;
-        let segment_shift = voxel_shift + frame.segment_shift;
-        var low = (cell >> vec3(segment_shift)) << vec3(segment_shift);
-        var size = 1i << segment_shift;
-        var closed = false;
-        if (is_constant) {
-            if (alone) {
-                closed = true;
-            } else if ((parent.x & BRICK) == 0u) {
-                closed = (word.y | parent.y) >> 24u == 0u;
-            } else {
-                let rim = i32(tree.rim) << voxel_shift;
-                let inner = cell - node_low;
-                if (all(inner >= vec3(rim)) && all(inner < vec3((8i << voxel_shift) - rim))) {
-                    low = node_low + rim;
-                    size = (8i << voxel_shift) - 2i * rim;
-                    closed = true;
-                }
-            }
-            if (closed && (alone || (parent.x & BRICK) == 0u)) {
-                low = node_low;
-                size = 8i << voxel_shift;
-            }
-        }
-
-        let plane = select(low, low + size, positive);
-        let t_plane = select((vec3<f32>(plane - tree.cell) - origin) * inv, vec3(FAR), parallel);
-        let t_cell = min(min(t_plane.x, t_plane.y), t_plane.z);
-        var t_next = max(min(t_cell, leave), t);
-        var crossed = (t_plane == vec3(t_cell)) & !parallel;
-        if (closed) {
-            // A closed form holds until another pair of levels is mixed; just past that depth, so that rounding cannot
-            // bring the same pair back.
-            let change = exp2(log2_footprint - f32(level) + 0.5 + select(0.5, -0.5, alone) * frame.fade);
-            let t_change = change * 1.000004 - tree.depth0;
-            if (t_change > t && t_change < t_next) {
-                t_next = t_change;
-                crossed = vec3(false);
-            }
-        }
-
-        parts = select(parts, 1u, closed);
-        if (parts > 1u) {
-            t_next = t + (t_next - t) / f32(parts);
-            crossed = vec3(false);
-        }
-
-        if (t_next > t && !(closed && word.y >> 24u == 0u)) {
-            // Node and parent in a loop, so that the code that reads bricks stands in the kernel once: on lavapipe the
-            // same kernel with two copies of it takes half as long again.
-            let p = origin + d * (0.5 * (t + t_next));
-            let s = (t_next - t) * path_length * tree.inv_voxel;
-            let reads = texture_reads;
-            var scale = exp2(-f32(voxel_shift));
-            var low = node_low;
-            var shown = word;
-            var share = select(weight, 1.0, alone || closed);
-            var light = Light(vec3(0.0), 0.0);
-            for (var k = 0u; k < 2u; k++) {
-                let local = clamp((p - vec3<f32>(low - tree.cell)) * scale, vec3(0.0), vec3(8.0));
-                let one = convert(shown, local, tree.texel_offset, tree.gain, s * scale);
-                light.rgb += share * one.rgb;
-                light.a += share * one.a;
-                if (alone || closed) {
-                    break;
-                }
-                low = (node_low >> vec3(node_shift + 1u)) << vec3(node_shift + 1u);
-                scale *= 0.5;
-                shown = parent;
-                share = 1.0 - weight;
-            }
-            samples += u32(texture_reads != reads);
-            if (light.a > 0.0) {
-                composite(light);
-            }
-            if (transmittance == 0.0) {
+    // The segment in hand; at first one without length, from which the ray goes on to where it is.
+    var t_next = t;
+    var low = cell;
+    var size = 1i;
+    var crossed = vec3(false);
+    var closed = false;
+    var node_low = vec3(0);
+    var voxel_shift = 0u;
+    var local = vec3(0.0);          // its middle in the node, and in the parent
+    var parent_local = vec3(0.0);
+    parts = 1u;
+    var step = 0u;
+    loop {
+        // On to the next segment that shows something, in a loop of its own: rays of a group that run in step wait for each
+        // other before they read textures, and not at every segment of one of them.
+        loop {
+            if (step >= tree.max_steps * frame.segment_samples) {
+                capped = true;
                 return;
             }
-        }
-        parts = select(parts - 1u, frame.segment_samples, parts == 1u);
+            step += 1u;
+            parts = select(parts - 1u, frame.segment_samples, parts == 1u);
 
-        // Into the next cell.
-        if (t_next >= leave) {
+            // Into the next cell.
+            if (t_next >= leave) {
+                return;
+            }
+            t = t_next;
+            let old = cell;
+            let inside = clamp(tree.cell + vec3<i32>(floor(origin + d * t)), low, low + vec3(size - 1));
+            cell = select(inside, select(low - 1, low + size, positive), crossed);
+            if (any(cell < tree.low) || any(cell >= tree.high)) {
+                return;
+            }
+            let differs = (cell.x ^ old.x) | (cell.y ^ old.y) | (cell.z ^ old.z);
+            let shared_levels = tree.depth + 3u - select(firstLeadingBit(u32(differs)) + 1u, 0u, differs == 0);
+            stacked = min(stacked, shared_levels);
+
+            // The wanted level where a segment begins, fractional, and the two levels around it.
+            if (parts == frame.segment_samples) {
+                let lambda = clamp(log2_footprint - log2(max(tree.depth0 + t, 1e-30)), tree.least_level, deepest);
+                let coarser = floor(lambda);
+                weight = clamp((lambda - coarser - 0.5) / max(frame.fade, 1e-6) + 0.5, 0.0, 1.0);
+                fine = u32(coarser) + u32(weight > 0.0);
+                weight = select(weight, 1.0, weight == 0.0);
+            }
+
+            if (fine != wanted || (weight < 1.0) != fading || stacked < reached) {
+                // Descend from the common ancestor.
+                wanted = fine;
+                fading = weight < 1.0;
+                level = min(stacked, fine);
+                word = read_node(stack[level]);
+                while (level < fine && (word.x & POINTER) != 0u) {
+                    level += 1u;
+                    let index = (word.x & POINTER) * 8u + octant(cell, tree.depth + 3u - level);
+                    stack[level] = index;
+                    word = read_node(index);
+                }
+                stacked = level;
+                reached = level;
+                alone = level < fine || level == 0u || !fading;
+                if ((level < fine && (word.x & TERMINAL) == 0u) || !has_data(word)) {
+                    ask(tree_index, fine, cell, tree.depth + 3u - fine);
+                    alone = true;
+                    while (level > 0u && !has_data(word)) {
+                        level -= 1u;
+                        word = read_node(stack[level]);
+                    }
+                    if (!has_data(word)) {
+                        return;
+                    }
+                }
+                stamp(stack[level], word);
+                if (!alone) {
+                    parent = read_node(stack[level - 1u]);
+                    stamp(stack[level - 1u], parent);
+                    if (!has_data(parent)) {
+                        // Tiles come ahead of bricks: a constant node may be here before the brick it is mixed with.
+                        ask(tree_index, fine, cell, tree.depth + 3u - fine);
+                        alone = true;
+                    }
+                }
+                shown = shown_cells(word);
+                parent_shown = vec2(0u);
+                if (!alone) {
+                    parent_shown = shown_cells(parent);
+                }
+                // Just past that depth, so that rounding cannot bring the same pair back.
+                let change = exp2(log2_footprint - f32(level) + 0.5 + select(0.5, -0.5, alone) * frame.fade);
+                t_change = change * 1.000004 - tree.depth0;
+            }
+
+            // The box of the segment, in finest voxels: one voxel of the node's level (2^segment_shift of them), or where the
+            // value is constant more.
+            voxel_shift = tree.depth - level;
+            let node_shift = voxel_shift + 3u;
+            node_low = (cell >> vec3(node_shift)) << vec3(node_shift);
+            let is_constant = (word.x & BRICK) == 0u;
+            let segment_shift = voxel_shift + frame.segment_shift;
+            low = (cell >> vec3(segment_shift)) << vec3(segment_shift);
+            size = 1i << segment_shift;
+            closed = false;
+            if (is_constant) {
+                if (alone) {
+                    closed = true;
+                } else if ((parent.x & BRICK) == 0u) {
+                    closed = (word.y | parent.y) >> 24u == 0u;
+                } else {
+                    let rim = i32(tree.rim) << voxel_shift;
+                    let inner = cell - node_low;
+                    if (all(inner >= vec3(rim)) && all(inner < vec3((8i << voxel_shift) - rim))) {
+                        low = node_low + rim;
+                        size = (8i << voxel_shift) - 2i * rim;
+                        closed = true;
+                    }
+                }
+                if (closed && (alone || (parent.x & BRICK) == 0u)) {
+                    low = node_low;
+                    size = 8i << voxel_shift;
+                }
+            }
+
+            var clear = closed && word.y >> 24u == 0u;
+            if (!closed && frame.segment_shift < 2u) {
+                // A cell that shows nothing is passed in one step, as is the block of 2³ of them that is one cell of the parent; but voxel by
+                // voxel where another pair of levels takes over on the way.
+                let inner = vec3<u32>(cell - node_low) >> vec3(u32(voxel_shift));
+                let in_cells = inner >> vec3(1u);
+                let half = inner >> vec3(2u);
+                let in_parent = ((vec3<u32>(cell) >> vec3(node_shift)) & vec3(1u)) * 2u + half;
+                clear = ((select(shown.x, shown.y, half.z == 1u) >> (in_cells.x + in_cells.y * 4u + (in_cells.z & 1u) * 16u)
+                    | select(parent_shown.x, parent_shown.y, in_parent.z > 1u) >> (in_parent.x + in_parent.y * 4u + (in_parent.z & 1u) * 16u)) & 1u) == 0u;
+                if (clear) {
+                    let block = select(shown.x, shown.y, half.z == 1u) & 0x00330033u << (half.x * 2u + half.y * 8u);
+                    let shift = voxel_shift + select(1u, 2u, block == 0u);
+                    let steps = select(abs(inv), vec3(FAR), parallel);
+                    let reach = f32(1i << shift) * min(min(steps.x, steps.y), steps.z);
+                    if (t_change <= t || t_change > t + reach) {
+                        low = (cell >> vec3(shift)) << vec3(shift);
+                        size = 1i << shift;
+                    }
+                }
+            }
+
+            let plane = select(low, low + size, positive);
+            let t_plane = select((vec3<f32>(plane - tree.cell) - origin) * inv, vec3(FAR), parallel);
+            let t_cell = min(min(t_plane.x, t_plane.y), t_plane.z);
+            t_next = max(min(t_cell, leave), t);
+            crossed = (t_plane == vec3(t_cell)) & !parallel;
+            if (closed) {
+                // A closed form holds until another pair of levels is mixed.
+                if (t_change > t && t_change < t_next) {
+                    t_next = t_change;
+                    crossed = vec3(false);
+                }
+            }
+
+            parts = select(parts, 1u, closed || clear);
+            if (parts > 1u) {
+                t_next = t + (t_next - t) / f32(parts);
+                crossed = vec3(false);
+            }
+            if (t_next > t && !clear) {
+                let p = origin + d * (0.5 * (t + t_next));
+                let scale = exp2(-f32(voxel_shift));
+                local = rounded((p - vec3<f32>(node_low - tree.cell)) * scale);
+                var any_shown = shows(word, local, tree.texel_offset);
+                if (!(alone || closed)) {
+                    let corner = (node_low >> vec3(voxel_shift + 4u)) << vec3(voxel_shift + 4u);
+                    parent_local = rounded((p - vec3<f32>(corner - tree.cell)) * (0.5 * scale));
+                    any_shown |= shows(parent, parent_local, tree.texel_offset);
+                }
+                if (any_shown) {
+                    break;
+                }
+            }
+        }
+
+        // Node and parent in a loop, so that the code that reads bricks stands in the kernel once: on lavapipe the
+        // same kernel with two copies of it takes half as long again.
+        let reads = texture_reads;
+        var s = (t_next - t) * path_length * tree.inv_voxel * exp2(-f32(voxel_shift));
+        var drawn = word;
+        var share = select(weight, 1.0, alone || closed);
+        var light = Light(vec3(0.0), 0.0);
+        for (var k = 0u; k < 2u; k++) {
+            let one = convert(drawn, local, tree.texel_offset, tree.gain, s);
+            light.rgb += share * one.rgb;
+            light.a += share * one.a;
+            if (alone || closed) {
+                break;
+            }
+            s *= 0.5;
+            local = parent_local;
+            drawn = parent;
+            share = 1.0 - weight;
+        }
+        samples += u32(texture_reads != reads);
+        if (light.a > 0.0) {
+            composite(light);
+        }
+        if (transmittance == 0.0) {
             return;
         }
-        t = t_next;
-        let old = cell;
-        let inside = clamp(tree.cell + vec3<i32>(floor(origin + d * t)), low, low + vec3(size - 1));
-        cell = select(inside, select(low - 1, low + size, positive), crossed);
-        if (any(cell < tree.low) || any(cell >= tree.high)) {
-            return;
-        }
-        let differs = (cell.x ^ old.x) | (cell.y ^ old.y) | (cell.z ^ old.z);
-        let shared_levels = tree.depth + 3u - select(firstLeadingBit(u32(differs)) + 1u, 0u, differs == 0);
-        stacked = min(stacked, shared_levels);
     }
 }
 
@@ -355,8 +437,20 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     // Which tiles may ask goes round, so that a full list does not starve the same ones for ever.
     let tile = id.x / 8u + id.y / 8u * 61u;
     requests_left = select(0u, MAX_REQUESTS, (tile + frame.frame) % frame.request_share == 0u);
-    for (var i = 0u; i < frame.tree_count; i++) {
-        march(i, screen, direction, path_length);
+    // The trees that rays of its tile may meet, or all where there are more than a list holds.
+    let list = (id.y / 8u * ((frame.size.x + 7u) / 8u) + id.x / 8u) * LIST_WORDS;
+    var count = frame.tree_count;
+    var listed = false;
+    if (frame.lists != 0u && lists[list] < LIST_WORDS) {
+        count = lists[list];
+        listed = true;
+    }
+    for (var i = 0u; i < count; i++) {
+        var tree = i;
+        if (listed) {
+            tree = lists[list + 1u + i];
+        }
+        march(tree, screen, direction, path_length);
         if (transmittance == 0.0) {
             break;
         }

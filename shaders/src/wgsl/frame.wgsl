@@ -38,8 +38,9 @@ struct Frame {
     // log2 of the voxels that a sampled segment spans along an axis, at most 3, and the samples in it.
     segment_shift: u32,
     segment_samples: u32,
+    // 1: tiles of pixels have lists of the trees that their rays may meet.
+    lists: u32,
     pad0: u32,
-    pad1: u32,
     // Texels of a brick slot per axis; w unused.
     slot: vec4<u32>,
     // In blocks a normal is normal_scale times what the pool has, plus normal_zero; w unused.
@@ -99,3 +100,10 @@ const FLAG_NOT_FINITE: u32 = 1u << 30u;
 // Words at the head of the read-back, and of the table behind them by which rays see what was asked for already.
 const COUNTER_WORDS: u32 = 16u;
 const TABLE_WORDS: u32 = 16384u;
+
+// Words of a tile's list: how many trees there are, which may be more than fit, then those that do, front to back.
+const LIST_WORDS: u32 = 128u;
+
+// Words that tell where a brick shows anything: two with a bit for each cell of 2³ voxels (x + 4y + 16z), then one for each place
+// between 2³ neighbouring samples (x + 9y + 81z).
+const OCCUPANCY_WORDS: u32 = 25u;

@@ -23,11 +23,27 @@ struct Scatter {
 @group(0) @binding(6) var normal_pool: texture_storage_3d<rgba8snorm, write>;
 @group(0) @binding(7) var opacity_pool: texture_storage_3d<rgba8unorm, write>;
 
+// For each brick its slot, then its words.
+@group(0) @binding(8) var<storage, read> occupancy_updates: array<u32>;
+@group(0) @binding(9) var<storage, read_write> occupancy: array<u32>;
+
+// As in frame.wgsl.
+const OCCUPANCY_WORDS: u32 = 25u;
+
 @compute @workgroup_size(64)
 fn scatter_nodes(@builtin(global_invocation_id) id: vec3<u32>) {
     if (id.x < scatter.nodes) {
         let update = node_updates[id.x];
         nodes[update.x] = update.yz;
+    }
+}
+
+// x: word, y: brick.
+@compute @workgroup_size(32)
+fn scatter_occupancy(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (id.x < OCCUPANCY_WORDS && id.y < scatter.bricks) {
+        let at = id.y * (OCCUPANCY_WORDS + 1u);
+        occupancy[occupancy_updates[at] * OCCUPANCY_WORDS + id.x] = occupancy_updates[at + 1u + id.x];
     }
 }
 

@@ -110,7 +110,7 @@ fn the_smallest_pool_has_no_hole_and_comes_to_rest() {
                 Renderer::new(world::gpu(), Arc::clone(&world.store), terrain, config)
             };
             // Eight bricks of 10³ samples of 8 bytes, with what belongs to them.
-            let least = 8 * 8140;
+            let least = 8 * 8240;
             assert!(matches!(open(least - 1), Err(RuntimeError::Budget { .. })));
             let mut renderer = open(least).unwrap();
             assert_eq!(renderer.brick_slots(), 8);
