@@ -24,7 +24,7 @@ const WIDTH: u32 = 800;
 const HEIGHT: u32 = 600;
 const FOV: f64 = 60.0;
 pub(super) const SCENE: &str = "hills-1024";
-const VOXELS: u32 = 1024;
+pub(super) const VOXELS: u32 = 1024;
 
 /// `far` looks 60° down with the tree overfilling the picture; `near` stands 2 m above the ground and looks 10° down.
 pub(super) fn views() -> Result<[(&'static str, Camera); 2], CommandError> {
@@ -48,7 +48,7 @@ pub(super) fn views() -> Result<[(&'static str, Camera); 2], CommandError> {
 
 /// The folder of the hills.
 pub(super) fn scene(settings: &Settings<'_>) -> Result<PathBuf, CommandError> {
-    hills(settings.folder, VOXELS)
+    hills(settings.folder, VOXELS, VOXELS)
 }
 
 fn open(settings: &Settings<'_>) -> Result<(Arc<dyn Store>, Terrain), CommandError> {
@@ -64,7 +64,11 @@ pub(super) fn devices(settings: &Settings<'_>) -> Result<Vec<Device>, CommandErr
     Ok(devices)
 }
 
-fn renderer(device: Device, store: Arc<dyn Store>, terrain: Terrain) -> Result<Renderer, CommandError> {
+pub(super) fn renderer(
+    device: Device,
+    store: Arc<dyn Store>,
+    terrain: Terrain,
+) -> Result<Renderer, CommandError> {
     let config = RendererConfig {
         ram_budget: 2 << 30,
         gpu_budget: 1 << 30,

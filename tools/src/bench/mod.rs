@@ -12,6 +12,7 @@ mod filter_scenes;
 pub mod filters;
 pub mod pager;
 mod scenes;
+pub mod trees;
 pub mod truth;
 
 use std::path::{Path, PathBuf};
@@ -81,6 +82,12 @@ pub const SUITES: &[Suite] = &[
         about: "what its settings cost, and the CPU reference",
         draws: true,
         run: caster::variants,
+    },
+    Suite {
+        name: "caster-trees",
+        about: "what many trees cost, in view and out of it",
+        draws: true,
+        run: trees::rows,
     },
     Suite {
         name: "agreement",

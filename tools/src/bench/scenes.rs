@@ -105,14 +105,14 @@ pub(super) fn hills_input(folder: &Path) -> Result<HeightInput, CommandError> {
     write_hills(&folder.join("hills-input"), 1024)
 }
 
-/// Builds the hill terrain as one tree of `voxels` per axis, or finds it built.
-pub(super) fn hills(folder: &Path, voxels: u32) -> Result<PathBuf, CommandError> {
+/// Builds the hill terrain of `voxels` per axis, in trees of `tree_voxels`, or finds it built.
+pub(super) fn hills(folder: &Path, voxels: u32, tree_voxels: u32) -> Result<PathBuf, CommandError> {
     let heights = hills_input(folder)?;
-    let out = folder.join(format!("hills-{voxels}"));
+    let out = folder.join(format!("hills-{voxels}-{tree_voxels}"));
     let mut args = BuildArgs::new(&out);
     args.heights = vec![heights];
     args.voxel = Some(HILLS_SIZE / f64::from(voxels));
-    args.tree_voxels = voxels;
+    args.tree_voxels = tree_voxels;
     // A scene of an earlier version of this program is built anew.
     args.force = true;
     build(&args, &Silent)?;

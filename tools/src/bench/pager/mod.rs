@@ -43,14 +43,14 @@ const SHARP: f64 = 0.99;
 const AROUND: f64 = 60.0;
 
 /// A terrain and where it comes from.
-struct Ground {
+pub(super) struct Ground {
     procedural: Arc<ProceduralStore>,
-    store: Arc<dyn Store>,
+    pub(super) store: Arc<dyn Store>,
     terrain: Arc<Terrain>,
 }
 
 impl Ground {
-    fn new(extent: f64) -> Result<Self, CommandError> {
+    pub(super) fn new(extent: f64) -> Result<Self, CommandError> {
         let procedural = Arc::new(ProceduralStore::new(ProceduralConfig {
             seed: 7,
             extent,
@@ -72,7 +72,7 @@ impl Ground {
     }
 
     /// The highest ground around a place.
-    fn height(&self, x: f64, y: f64) -> f64 {
+    pub(super) fn height(&self, x: f64, y: f64) -> f64 {
         self.procedural.highest_ground(x, y, AROUND).unwrap_or(0.0)
     }
 
