@@ -38,10 +38,11 @@ fn measured(
 ) -> Result<Row, CommandError> {
     let settings = RenderSettings::default();
     let (ms, counters) = caster::measure(renderer, camera, &settings, repetitions)?;
-    let mut reports = Vec::new();
+    let (mut reports, mut compactions) = (Vec::new(), Vec::new());
     for _ in 0..FRAMES {
         reports.push(renderer.frame(camera, &settings)?);
         renderer.wait()?;
+        compactions.push(renderer.feedback().gpu_ms[2]);
     }
     let median = |times: Vec<f64>| Percentiles::of(times).p50;
     row(json!({
@@ -53,6 +54,7 @@ fn measured(
         "mpx_per_second": f64::from(camera.width * camera.height) * 1e-3 / ms,
         "nodes_per_ray": per_ray(counters.nodes, &counters),
         "samples_per_ray": per_ray(counters.samples, &counters),
+        "compact_ms": median(compactions),
         "submit_ms": median(reports.iter().map(|r| r.submit_ms).collect()),
         "cpu_ms": median(reports.iter().map(|r| r.cpu_ms).collect()),
     }))
