@@ -8,13 +8,15 @@
 //! | [`texture_pool`] | texture pool manager: which tiles and bricks are in the pools | render |
 //! | [`memory`] | the pools on the device, uploads | render |
 //! | [`caster`] | ray caster, compaction, ring of read-backs | render |
-//! | [`bias`] | footprint bias that keeps the working set in the pool | render |
+//! | [`bias`] | footprint bias that keeps the working set in the pool, or a frame in its time | render |
+//! | [`effort`] | what of a picture is drawn so that a frame keeps its time | render |
 //! | [`mod@reference`] | the CPU reference: the same rules in f64 by other code | any, parallel inside |
 //! | [`gpu`], [`picture`], [`settings`], [`error`] | device, pictures, settings, errors | any |
 //! | `testing` | trees in memory for tests; only with the feature of that name | any |
 
 pub mod bias;
 pub mod caster;
+pub mod effort;
 pub mod error;
 pub mod gpu;
 pub mod memory;

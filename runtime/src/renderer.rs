@@ -6,17 +6,18 @@
 
 mod record;
 mod settle;
+mod uniform;
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use brickfell_culler::{Camera, Culler, Cut, Expiry, Readiness, VisibleTree};
-use brickfell_formats::blocks::{NORMAL_SCALE, NORMAL_ZERO};
 use brickfell_pager::{Lookahead, PageFault, PageKey, Pager, PagerConfig, PagerStats, Store};
 use brickfell_shaders::layout;
 
 use crate::bias::BiasController;
 use crate::caster::{Caster, Feedback, MAX_TREES, REQUEST_CAPACITY};
+use crate::effort::{Cost, Effort, EffortController, Wanted};
 use crate::error::RuntimeError;
 use crate::gpu::Gpu;
 use crate::memory::{MAX_UPLOAD_BRICKS, PoolMemory, PoolSizes};
@@ -25,6 +26,7 @@ use crate::picture::Picture;
 use crate::settings::RenderSettings;
 use crate::terrain::Terrain;
 use crate::texture_pool::{TexturePoolManager, priority};
+use uniform::Raster;
 
 /// Frames after which an unseen tree is released.
 const TREE_KEEP_FRAMES: u64 = 300;
@@ -76,8 +78,10 @@ pub struct FrameReport {
     pub bytes_uploaded: u64,
     /// Pages and bricks asked for that are not there yet.
     pub pending: usize,
-    /// Bias in effect, the user's and the controller's.
+    /// Bias in effect, the user's and the controllers'.
     pub bias: f64,
+    /// Part of the pixels per axis that were drawn.
+    pub scale: f64,
     /// Publishing finished loads.
     pub merge_ms: f64,
     /// Culling and ordering.
@@ -106,6 +110,9 @@ pub struct Renderer {
     pool: TexturePoolManager,
     caster: Caster,
     bias: BiasController,
+    effort: EffortController,
+    /// The last frame's.
+    camera: Option<Camera>,
     frame: u32,
     /// Merges so far; several in a frame while settling.
     merges: u64,
@@ -132,10 +139,14 @@ struct InFlight {
     /// The trees that its requests name.
     trees: Arc<[ActiveTree]>,
     request_share: u32,
+    /// How it was drawn, and its time on the render thread, if there is a time to keep.
+    cost: Option<Cost>,
+    uploaded: bool,
 }
 
 struct Prepared {
     report: FrameReport,
+    raster: Raster,
     encoder: wgpu::CommandEncoder,
     records: Vec<layout::Tree>,
     active: Vec<ActiveTree>,
@@ -203,6 +214,8 @@ impl Renderer {
             pool: TexturePoolManager::new(sizes),
             caster,
             bias: BiasController::default(),
+            effort: EffortController::default(),
+            camera: None,
             frame: 0,
             merges: 0,
             list: NodeList::default(),
@@ -226,7 +239,22 @@ impl Renderer {
     pub fn frame(&mut self, camera: &Camera, settings: &RenderSettings) -> Result<FrameReport, RuntimeError> {
         let limit = (UPLOAD_BUDGET_MS / self.ms_per_brick).clamp(1.0, MAX_UPLOAD_BRICKS as f64) as usize;
         let prepared = self.prepare(camera, settings, limit)?;
-        self.draw(camera, settings, prepared, 1)
+        self.draw(camera, settings, prepared)
+    }
+
+    /// The effort of the frame to come.
+    fn next_effort(&mut self, camera: &Camera, settings: &RenderSettings) -> Effort {
+        let rests = self.camera.replace(*camera) == Some(*camera);
+        let wanted = settings.target_ms.map(|target_ms| Wanted {
+            target_ms,
+            pixels: f64::from(camera.width) * f64::from(camera.height),
+            bias: settings.bias,
+            memory: self.bias.memory(),
+            rests,
+        });
+        let effort = self.effort.next(wanted.as_ref());
+        self.bias.set_time(effort.bias);
+        effort
     }
 
     /// Publishes finished loads.
@@ -250,9 +278,16 @@ impl Renderer {
             }
             if let Some(k) = self.in_flight.iter().position(|f| f.frame == feedback.frame) {
                 let InFlight {
-                    trees, request_share, ..
+                    trees,
+                    request_share,
+                    cost,
+                    uploaded,
+                    ..
                 } = self.in_flight.swap_remove(k);
                 self.feedback_trees = trees;
+                if let Some(cost) = cost {
+                    self.effort.measured(cost.on_device(&feedback, uploaded));
+                }
                 // So that half of the list's room is taken.
                 let wanted = u64::from(request_share) * u64::from(asked);
                 self.request_share = wanted.div_ceil(u64::from(REQUEST_CAPACITY / 2)).max(1) as u32;
@@ -301,6 +336,8 @@ impl Renderer {
         {
             self.list = list;
         }
+        let effort = self.next_effort(camera, settings);
+        report.scale = effort.scale;
         report.readback_ms = ms(start);
 
         let merge = Instant::now();
@@ -405,6 +442,7 @@ impl Renderer {
         }
         Ok(Prepared {
             report,
+            raster: Raster::scaled(camera, effort),
             encoder,
             records,
             active,
@@ -412,23 +450,23 @@ impl Renderer {
         })
     }
 
-    /// Casts one of `stride`² pixels and submits.
+    /// Casts the rays and submits.
     fn draw(
         &mut self,
         camera: &Camera,
         settings: &RenderSettings,
         prepared: Prepared,
-        stride: u32,
     ) -> Result<FrameReport, RuntimeError> {
         let Prepared {
             mut report,
+            raster,
             mut encoder,
             records,
             active,
             start,
         } = prepared;
         let submit = Instant::now();
-        let uniform = self.frame_uniform(camera, settings, records.len() as u32, report.bias, stride);
+        let uniform = self.frame_uniform(camera, settings, records.len() as u32, report.bias, &raster);
         let entry = self.caster.encode(&self.gpu, &mut encoder, &uniform, &records);
         self.gpu.queue.submit([encoder.finish()]);
         if let Some(entry) = entry {
@@ -437,59 +475,18 @@ impl Renderer {
                 frame: self.frame,
                 trees: active.into(),
                 request_share: self.request_share,
+                cost: settings.target_ms.map(|_| Cost {
+                    pixels: f64::from(raster.size[0]) * f64::from(raster.size[1]),
+                    bias: report.bias,
+                    cast_ms: 0.0,
+                    other_ms: ms(start),
+                }),
+                uploaded: report.uploads + report.node_updates > 0,
             });
         }
         report.submit_ms = ms(submit);
         report.cpu_ms = ms(start);
         Ok(report)
-    }
-
-    fn frame_uniform(
-        &self,
-        camera: &Camera,
-        settings: &RenderSettings,
-        tree_count: u32,
-        bias: f64,
-        stride: u32,
-    ) -> layout::Frame {
-        let sizes = self.memory.sizes;
-        // Which pixel of a group is drawn goes round with the frames.
-        let first = glam::UVec2::new(self.frame % stride, self.frame / stride % stride).as_dvec2();
-        let origin = camera.screen(first.x, first.y);
-        let next = camera.screen(first.x + f64::from(stride), first.y + f64::from(stride));
-        let axis = |v: glam::DVec3, w: f64| v.extend(w).as_vec4().to_array();
-        let (segment_shift, segment_samples) = settings.segment();
-        let texels = sizes.texels().map(|t| 1.0 / t as f32);
-        let [x, y, z] = sizes.slot();
-        let [normal_scale, normal_zero] =
-            [NORMAL_SCALE, NORMAL_ZERO].map(|v| glam::Vec3::from(v.map(f32::from)));
-        layout::Frame {
-            size: [camera.width.div_ceil(stride), camera.height.div_ceil(stride)],
-            tree_count,
-            frame: self.frame,
-            screen_origin: origin.as_vec2().to_array(),
-            screen_step: (next - origin).as_vec2().to_array(),
-            forward: axis(camera.forward, 0.0),
-            right: axis(camera.right, 0.0),
-            up: axis(camera.up, 0.0),
-            sun: axis(settings.sun, settings.ambient),
-            diffuse: settings.diffuse as f32,
-            footprint: (camera.pixel_size() * bias.exp2()) as f32,
-            fade: settings.fade() as f32,
-            blocks: u32::from(sizes.blocks),
-            slots: [sizes.slots[0], sizes.slots[1], sizes.slots[2], 0],
-            texel: [texels[0], texels[1], texels[2], 0.0],
-            brick_slots: sizes.bricks(),
-            node_tiles: sizes.tiles,
-            request_capacity: REQUEST_CAPACITY,
-            request_share: self.request_share,
-            segment_shift,
-            segment_samples,
-            pad: [0; 2],
-            slot: [x, y, z, 0],
-            normal_scale: (255.0 / normal_scale).extend(0.0).to_array(),
-            normal_zero: (-normal_zero / normal_scale).extend(0.0).to_array(),
-        }
     }
 
     /// The last picture, in linear light; waits for the device.
