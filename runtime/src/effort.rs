@@ -1,7 +1,7 @@
 //! Adaptive effort: the extra bias and the scale of the picture that keep a frame within a time.
 //!
 //! Efforts are the rungs of one ladder. Rung r asks for levels r/8 octaves coarser than wanted, and the picture is drawn at
-//! the largest of the scales 1, 1/√2 and 1/2 whose pixels are no larger than that: levels change by an eighth of an octave at
+//! the largest of the scales 1, 2^-¼, 2^-½, 2^-¾ and ½ whose pixels are no larger than that: levels change by an eighth of an octave at
 //! a time, which their fade hides, and do not change when the scale does; a scaled picture has no more voxels to a pixel
 //! than a whole one.
 //!
@@ -20,7 +20,6 @@
 //! Pure and deterministic. Called by the render thread, once a frame.
 
 use std::collections::VecDeque;
-use std::f64::consts::FRAC_1_SQRT_2;
 
 use crate::caster::Feedback;
 
@@ -67,14 +66,10 @@ impl Effort {
     };
 
     fn of(rung: u32) -> Self {
-        let scale = match rung * 2 / RUNGS {
-            0 => 1.0,
-            1 => FRAC_1_SQRT_2,
-            _ => 0.5,
-        };
+        let quarters = (rung * 4 / RUNGS).min(4);
         Self {
             bias: f64::from(rung) / f64::from(RUNGS),
-            scale,
+            scale: (-0.25 * f64::from(quarters)).exp2(),
         }
     }
 
@@ -176,8 +171,9 @@ pub struct EffortController {
     resting: u32,
     wait: u32,
     grace: u32,
-    /// The rung on which going back last failed, and milliseconds of its frames then.
-    failed: Option<(u32, f64)>,
+    /// The rung on which going back last failed, and milliseconds of its frames as predicted after that, from the coarser one:
+    /// what is compared later is predicted from there, too.
+    failed: Option<(u32, Option<f64>)>,
 }
 
 impl Default for EffortController {
@@ -241,7 +237,7 @@ impl EffortController {
         let is_miss = now > wanted.target_ms && self.grace == 0 && self.moving < LAST;
         if is_miss && !self.descending && self.since_return < PROBATION {
             self.wait = (self.wait * WAIT_GROWTH).min(LONGEST_WAIT);
-            self.failed = Some((self.moving, self.many(wanted, self.moving)));
+            self.failed = Some((self.moving, None));
             self.moving += 1;
             (self.calm, self.since_return, self.grace) = (0, PROBATION, GRACE);
             return;
@@ -256,8 +252,13 @@ impl EffortController {
         let Some(finer) = self.moving.checked_sub(1) else {
             return;
         };
-        if (self.failed).is_some_and(|(rung, ms)| self.many(wanted, rung) < LIGHTER * ms) {
-            (self.wait, self.failed) = (WAIT, None);
+        if let Some((rung, then)) = self.failed {
+            let ms = self.many(wanted, rung);
+            if then.is_some_and(|then| ms < LIGHTER * then) {
+                (self.wait, self.failed) = (WAIT, None);
+            } else if then.is_none() && self.calm >= MANY as u32 {
+                self.failed = Some((rung, Some(ms)));
+            }
         }
         let is_larger = Effort::of(finer).scale > Effort::of(self.moving).scale;
         let wait = if is_larger {

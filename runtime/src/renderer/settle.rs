@@ -54,6 +54,7 @@ impl Renderer {
         camera: &Camera,
         settings: &RenderSettings,
     ) -> Result<(FrameReport, u32), RuntimeError> {
+        settings.check(camera).map_err(RuntimeError::Argument)?;
         // A still picture is drawn in full.
         let settings = &RenderSettings {
             target_ms: None,

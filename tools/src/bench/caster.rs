@@ -50,13 +50,13 @@ pub(super) fn scene(settings: &Settings<'_>) -> Result<PathBuf, CommandError> {
     hills(settings.folder, VOXELS)
 }
 
-fn open(settings: &Settings<'_>) -> Result<(Arc<dyn Store>, Terrain), CommandError> {
+pub(super) fn open(settings: &Settings<'_>) -> Result<(Arc<dyn Store>, Terrain), CommandError> {
     let store: Arc<dyn Store> = Arc::new(FolderStore::open(scene(settings)?)?);
     let terrain = Terrain::open(&store)?;
     Ok((store, terrain))
 }
 
-fn renderer(store: Arc<dyn Store>, terrain: Terrain) -> Result<Renderer, CommandError> {
+pub(super) fn renderer(store: Arc<dyn Store>, terrain: Terrain) -> Result<Renderer, CommandError> {
     let config = RendererConfig {
         ram_budget: 2 << 30,
         gpu_budget: 1 << 30,
