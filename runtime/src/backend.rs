@@ -15,6 +15,7 @@ use crate::error::RuntimeError;
 use crate::gpu::Gpu;
 use crate::memory::{PoolMemory, PoolSizes};
 use crate::picture::Picture;
+use crate::raster::Raster;
 use crate::record::tree_record;
 use crate::settings::RenderSettings;
 use crate::terrain::Terrain;
@@ -62,10 +63,8 @@ pub(crate) struct Cast<'a> {
     pub(crate) frame: u32,
     /// Bias in effect.
     pub(crate) bias: f64,
-    /// One of so many pixels per axis is drawn, into the picture's upper left,
-    pub(crate) stride: u32,
-    /// beginning with this one.
-    pub(crate) first: [u32; 2],
+    /// Which pixels are drawn.
+    pub(crate) raster: Raster,
     /// One of so many tiles of pixels may ask.
     pub(crate) request_share: u32,
     /// The trees, front to back.
@@ -247,7 +246,7 @@ impl Backend {
     pub(crate) fn read_picture(&self) -> Result<Picture, RuntimeError> {
         match self {
             Self::Gpu(b) => b.caster.read_picture(&b.gpu),
-            Self::Cpu(caster) => Ok(caster.picture().clone()),
+            Self::Cpu(caster) => Ok(caster.picture()),
         }
     }
 
@@ -272,19 +271,17 @@ fn frame_uniform(cast: &Cast<'_>, sizes: PoolSizes) -> layout::Frame {
     let Cast {
         camera,
         settings,
-        stride,
+        raster,
         ..
     } = *cast;
-    let first = glam::UVec2::from(cast.first).as_dvec2();
-    let origin = camera.screen(first.x, first.y);
-    let next = camera.screen(first.x + f64::from(stride), first.y + f64::from(stride));
+    let [origin, next] = [0, 1].map(|k| raster.screen(camera, k, k));
     let axis = |v: glam::DVec3, w: f64| v.extend(w).as_vec4().to_array();
     let (segment_shift, segment_samples) = settings.segment();
     let texels = sizes.texels().map(|t| 1.0 / t as f32);
     let [x, y, z] = sizes.slot();
     let [normal_scale, normal_zero] = [NORMAL_SCALE, NORMAL_ZERO].map(|v| glam::Vec3::from(v.map(f32::from)));
     layout::Frame {
-        size: [camera.width.div_ceil(stride), camera.height.div_ceil(stride)],
+        size: raster.size,
         tree_count: cast.drawn.len() as u32,
         frame: cast.frame,
         screen_origin: origin.as_vec2().to_array(),

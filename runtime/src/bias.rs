@@ -1,4 +1,5 @@
-//! The one owner of the footprint bias that keeps the working set inside the pool.
+//! The one owner of the footprint bias: what keeps the working set inside the pool, or what keeps a frame in its time
+//! ([`crate::effort`]), whichever is more.
 //!
 //! `demand` is what the last frame's rays used, with what is above it, and lacked, in bricks. Above 90 % of the pool the bias rises by half the
 //! binary logarithm of the excess (a bias of one halves the resolution: a quarter of the bricks on a surface). It falls
@@ -16,7 +17,10 @@ const MAX: f64 = 12.0;
 /// Raises and lowers the bias.
 #[derive(Clone, Debug, Default)]
 pub struct BiasController {
+    /// What memory asks for.
     extra: f64,
+    /// What the time of a frame asks for.
+    time: f64,
     changed: u32,
     /// The last demand was too high, and the last change too young to know what comes of it.
     waiting: bool,
@@ -26,7 +30,17 @@ pub struct BiasController {
 impl BiasController {
     /// What is added to the wanted bias.
     pub fn extra(&self) -> f64 {
+        self.extra.max(self.time)
+    }
+
+    /// The part of [`Self::extra`] that memory asks for.
+    pub fn memory(&self) -> f64 {
         self.extra
+    }
+
+    /// Sets what the time of the frame to come asks for, at least 0.
+    pub fn set_time(&mut self, extra: f64) {
+        self.time = extra;
     }
 
     /// True if another look at the same demand may change it.
@@ -47,10 +61,12 @@ impl BiasController {
             return;
         }
         if load > HIGH {
-            self.extra = (self.extra + 0.5 * (load / HIGH).log2()).min(MAX);
+            // The demand is that of the bias in effect.
+            self.extra = (self.extra() + 0.5 * (load / HIGH).log2()).min(MAX);
             self.changed = frame;
         } else if load < LOW && self.extra > 0.0 && !rests {
-            self.extra = (self.extra - 0.5 * (LOW / load.max(0.01)).log2()).max(0.0);
+            let enough = self.extra() - 0.5 * (LOW / load.max(0.01)).log2();
+            self.extra = enough.clamp(0.0, self.extra);
             self.changed = frame;
         }
     }
@@ -86,5 +102,22 @@ mod tests {
             );
         }
         assert_eq!(bias.extra(), 0.0);
+    }
+
+    #[test]
+    fn the_larger_of_memory_and_time_holds() {
+        let mut bias = BiasController::default();
+        bias.set_time(0.5);
+        bias.update(4, &camera(0.0), &[(0.5, 1.0)]);
+        assert_eq!((bias.extra(), bias.memory()), (0.5, 0.0));
+        // Four times too much in spite of it: one octave on top.
+        bias.update(8, &camera(1.0), &[(3.6, 1.0)]);
+        assert_eq!((bias.extra(), bias.memory()), (1.5, 1.5));
+        // At two octaves a load of 0.35 leaves room for half an octave, which memory does not need.
+        bias.set_time(2.0);
+        bias.update(12, &camera(2.0), &[(0.35, 1.0)]);
+        assert_eq!((bias.extra(), bias.memory()), (2.0, 1.5));
+        bias.set_time(0.0);
+        assert_eq!(bias.extra(), 1.5);
     }
 }

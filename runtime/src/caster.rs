@@ -5,7 +5,8 @@
 //! entries are in flight a frame goes without read-back.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+use std::time::Instant;
 
 use brickfell_shaders::layout::{self, COUNTER_WORDS, Request, TABLE_WORDS};
 use brickfell_shaders::{CAST, COMPACT, LISTS};
@@ -39,8 +40,11 @@ pub struct Feedback {
     pub used_tiles: Vec<u32>,
     /// Sums over the rays.
     pub counters: RayCounters,
-    /// Milliseconds on the device: upload, cast, compaction; 0 where the device has no timestamps.
+    /// Milliseconds on the device: upload, cast, compaction; 0 where the device has no timestamps. That of the upload is an
+    /// earlier frame's if nothing was uploaded.
     pub gpu_ms: [f64; 3],
+    /// Milliseconds from the submission until the device's word that it is done was heard.
+    pub done_ms: f64,
 }
 
 impl Feedback {
@@ -55,6 +59,8 @@ struct RingEntry {
     buffer: wgpu::Buffer,
     // 0 free, 1 in flight, 2 mapped, 3 failed
     state: Arc<AtomicU8>,
+    /// From the submission to the mapping.
+    micros: Arc<AtomicU32>,
     frame: u32,
 }
 
@@ -89,6 +95,8 @@ pub struct Caster {
     query_buffer: wgpu::Buffer,
     ring: Vec<RingEntry>,
     target: Option<Target>,
+    /// Pixels of the target that the last frame drew.
+    drawn: [u32; 2],
 }
 
 impl Caster {
@@ -143,6 +151,7 @@ impl Caster {
             .map(|_| RingEntry {
                 buffer: gpu.buffer("read-back", size, B::MAP_READ | B::COPY_DST),
                 state: Arc::new(AtomicU8::new(0)),
+                micros: Arc::new(AtomicU32::new(0)),
                 frame: 0,
             })
             .collect();
@@ -170,6 +179,7 @@ impl Caster {
             query_buffer,
             ring,
             target: None,
+            drawn: [0; 2],
         })
     }
 
@@ -284,6 +294,7 @@ impl Caster {
             ],
         );
         gpu.check()?;
+        self.drawn = [0; 2];
         self.target = Some(Target {
             width,
             height,
@@ -317,6 +328,7 @@ impl Caster {
         trees: &[layout::Tree],
     ) -> Option<usize> {
         let target = self.target.as_ref()?;
+        self.drawn = frame.size;
         gpu.queue
             .write_buffer(&self.uniform, 0, bytemuck::bytes_of(frame));
         gpu.queue
@@ -372,8 +384,10 @@ impl Caster {
     pub fn submitted(&mut self, entry: usize) {
         let ring = &mut self.ring[entry];
         ring.state.store(1, Ordering::Release);
-        let state = Arc::clone(&ring.state);
+        let (state, micros) = (Arc::clone(&ring.state), Arc::clone(&ring.micros));
+        let start = Instant::now();
         ring.buffer.slice(..).map_async(wgpu::MapMode::Read, move |r| {
+            micros.store(start.elapsed().as_micros() as u32, Ordering::Relaxed);
             state.store(if r.is_ok() { 2 } else { 3 }, Ordering::Release)
         });
     }
@@ -388,7 +402,11 @@ impl Caster {
                 2 => {
                     if let Ok(view) = ring.buffer.slice(..).get_mapped_range() {
                         let sizes = [COUNTER_BYTES, self.query_buffer.size(), self.used.size()];
-                        arrived.push(parse(ring.frame, &view, sizes, gpu.timestamp_period, pools));
+                        let feedback = parse(ring.frame, &view, sizes, gpu.timestamp_period, pools);
+                        arrived.push(Feedback {
+                            done_ms: f64::from(ring.micros.load(Ordering::Relaxed)) * 1e-3,
+                            ..feedback
+                        });
                     }
                     ring.buffer.unmap();
                     ring.state.store(0, Ordering::Release);
@@ -401,18 +419,20 @@ impl Caster {
         arrived
     }
 
-    /// Copies the last picture back and waits for it.
+    /// Copies the last picture back and waits for it. One that was drawn with fewer pixels than the target has is enlarged to the target's
+    /// size here, by the CPU: this is for files and figures.
     ///
     /// # Errors
     /// If nothing was drawn yet or the device failed.
     pub fn read_picture(&self, gpu: &Gpu) -> Result<Picture, RuntimeError> {
-        let Some(target) = &self.target else {
+        let Some(target) = self.target.as_ref().filter(|_| self.drawn != [0; 2]) else {
             return Err(RuntimeError::Device("no picture was drawn yet".into()));
         };
-        let row = (target.width * 16).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let [width, height] = self.drawn;
+        let row = (width * 16).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let buffer = gpu.buffer(
             "picture read-back",
-            u64::from(row) * u64::from(target.height),
+            u64::from(row) * u64::from(height),
             wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         );
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -426,7 +446,11 @@ impl Caster {
                     rows_per_image: None,
                 },
             },
-            target.output.size(),
+            wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            },
         );
         gpu.queue.submit([encoder.finish()]);
         buffer.slice(..).map_async(wgpu::MapMode::Read, |_| {});
@@ -437,14 +461,15 @@ impl Caster {
             .map_err(|e| RuntimeError::Device(e.to_string()))?;
         let pixels = view
             .chunks_exact(row as usize)
-            .flat_map(|line| line[..target.width as usize * 16].chunks_exact(16))
+            .flat_map(|line| line[..width as usize * 16].chunks_exact(16))
             .map(bytemuck::pod_read_unaligned)
             .collect();
-        Ok(Picture {
-            width: target.width,
-            height: target.height,
+        let drawn = Picture {
+            width,
+            height,
             pixels,
-        })
+        };
+        Ok(drawn.resized(target.width, target.height))
     }
 }
 
@@ -495,5 +520,6 @@ fn parse(frame: u32, bytes: &[u8], sizes: [u64; 3], period: Option<f32>, pools: 
             not_finite: c[layout::COUNTER_NOT_FINITE].into(),
         },
         gpu_ms: [stage(0), stage(1), stage(2)],
+        done_ms: 0.0,
     }
 }

@@ -10,7 +10,9 @@
 //! | [`caster`] | ray caster, compaction, ring of read-backs | render |
 //! | `backend` | what the renderer draws with: the four above, or the CPU | render |
 //! | `cpu` | the CPU caster: pools in RAM, rays on all cores | render, parallel inside |
-//! | [`bias`] | footprint bias that keeps the working set in the pool | render |
+//! | [`bias`] | footprint bias that keeps the working set in the pool, or a frame in its time | render |
+//! | [`effort`] | what of a picture is drawn so that a frame keeps its time | render |
+//! | `raster` | which pixels of a picture are drawn | render |
 //! | `march` | the rules of a ray on the CPU, in f64 and f32 | any |
 //! | [`mod@reference`] | the CPU reference: those rules in f64 over everything in the files | any, parallel inside |
 //! | [`gpu`], [`picture`], [`settings`], [`error`] | device, pictures, settings, errors | any |
@@ -20,12 +22,14 @@ mod backend;
 pub mod bias;
 pub mod caster;
 mod cpu;
+pub mod effort;
 pub mod error;
 pub mod gpu;
 mod march;
 pub mod memory;
 pub mod node_lists;
 pub mod picture;
+mod raster;
 mod record;
 pub mod reference;
 pub mod renderer;

@@ -15,10 +15,12 @@ use brickfell_pager::{Lookahead, PageFault, PageKey, Pager, PagerConfig, PagerSt
 use crate::backend::{Backend, Cast, Device, Drawn};
 use crate::bias::BiasController;
 use crate::caster::{Feedback, MAX_TREES, REQUEST_CAPACITY};
+use crate::effort::{Cost, Effort, EffortController, Wanted};
 use crate::error::RuntimeError;
 use crate::memory::MAX_UPLOAD_BRICKS;
 use crate::node_lists::{ActiveTree, NodeList, NodeListProcessors};
 use crate::picture::Picture;
+use crate::raster::Raster;
 use crate::record::least_level;
 use crate::settings::RenderSettings;
 use crate::terrain::Terrain;
@@ -74,8 +76,10 @@ pub struct FrameReport {
     pub bytes_uploaded: u64,
     /// Pages and bricks asked for that are not there yet.
     pub pending: usize,
-    /// Bias in effect, the user's and the controller's.
+    /// Bias in effect, the user's and the controllers'.
     pub bias: f64,
+    /// Part of the pixels per axis that were drawn.
+    pub scale: f64,
     /// Publishing finished loads.
     pub merge_ms: f64,
     /// Culling and ordering.
@@ -102,6 +106,9 @@ pub struct Renderer {
     processors: NodeListProcessors,
     pool: TexturePoolManager,
     bias: BiasController,
+    effort: EffortController,
+    /// The last frame's.
+    camera: Option<Camera>,
     frame: u32,
     /// Merges so far; several in a frame while settling.
     merges: u64,
@@ -128,10 +135,14 @@ struct InFlight {
     /// The trees that its requests name.
     trees: Arc<[ActiveTree]>,
     request_share: u32,
+    /// How it was drawn, and its time on the render thread, if there is a time to keep.
+    cost: Option<Cost>,
+    uploaded: bool,
 }
 
 struct Prepared {
     report: FrameReport,
+    raster: Raster,
     drawn: Vec<Drawn>,
     active: Vec<ActiveTree>,
     start: Instant,
@@ -188,6 +199,8 @@ impl Renderer {
             processors,
             pool: TexturePoolManager::new(sizes),
             bias: BiasController::default(),
+            effort: EffortController::default(),
+            camera: None,
             frame: 0,
             merges: 0,
             list: NodeList::default(),
@@ -211,7 +224,22 @@ impl Renderer {
     pub fn frame(&mut self, camera: &Camera, settings: &RenderSettings) -> Result<FrameReport, RuntimeError> {
         let limit = (UPLOAD_BUDGET_MS / self.ms_per_brick).clamp(1.0, MAX_UPLOAD_BRICKS as f64) as usize;
         let prepared = self.prepare(camera, settings, limit)?;
-        self.draw(camera, settings, prepared, 1)
+        self.draw(camera, settings, prepared)
+    }
+
+    /// The effort of the frame to come.
+    fn next_effort(&mut self, camera: &Camera, settings: &RenderSettings) -> Effort {
+        let rests = self.camera.replace(*camera) == Some(*camera);
+        let wanted = settings.target_ms.map(|target_ms| Wanted {
+            target_ms,
+            pixels: f64::from(camera.width) * f64::from(camera.height),
+            bias: settings.bias,
+            memory: self.bias.memory(),
+            rests,
+        });
+        let effort = self.effort.next(wanted.as_ref());
+        self.bias.set_time(effort.bias);
+        effort
     }
 
     /// Publishes finished loads.
@@ -235,9 +263,16 @@ impl Renderer {
             }
             if let Some(k) = self.in_flight.iter().position(|f| f.frame == feedback.frame) {
                 let InFlight {
-                    trees, request_share, ..
+                    trees,
+                    request_share,
+                    cost,
+                    uploaded,
+                    ..
                 } = self.in_flight.swap_remove(k);
                 self.feedback_trees = trees;
+                if let Some(cost) = cost {
+                    self.effort.measured(cost.on_device(&feedback, uploaded));
+                }
                 // So that half of the list's room is taken.
                 let wanted = u64::from(request_share) * u64::from(asked);
                 self.request_share = wanted.div_ceil(u64::from(REQUEST_CAPACITY / 2)).max(1) as u32;
@@ -284,6 +319,8 @@ impl Renderer {
         {
             self.list = list;
         }
+        let effort = self.next_effort(camera, settings);
+        report.scale = effort.scale;
         report.readback_ms = ms(start);
 
         let merge = Instant::now();
@@ -380,36 +417,34 @@ impl Renderer {
         }
         Ok(Prepared {
             report,
+            raster: Raster::scaled(camera, effort),
             drawn,
             active,
             start,
         })
     }
 
-    /// Casts one of `stride`² pixels and submits.
+    /// Casts the rays and submits.
     fn draw(
         &mut self,
         camera: &Camera,
         settings: &RenderSettings,
         prepared: Prepared,
-        stride: u32,
     ) -> Result<FrameReport, RuntimeError> {
         let Prepared {
             mut report,
+            raster,
             drawn,
             active,
             start,
         } = prepared;
         let submit = Instant::now();
-        // Which pixel of a group is drawn goes round with the frames.
-        let first = [self.frame % stride, self.frame / stride % stride];
         let is_read_back = self.backend.cast(&Cast {
             camera,
             settings,
             frame: self.frame,
             bias: report.bias,
-            stride,
-            first,
+            raster,
             request_share: self.request_share,
             drawn: &drawn,
         });
@@ -418,6 +453,13 @@ impl Renderer {
                 frame: self.frame,
                 trees: active.into(),
                 request_share: self.request_share,
+                cost: settings.target_ms.map(|_| Cost {
+                    pixels: f64::from(raster.size[0]) * f64::from(raster.size[1]),
+                    bias: report.bias,
+                    cast_ms: 0.0,
+                    other_ms: ms(start),
+                }),
+                uploaded: report.uploads + report.node_updates > 0,
             });
         }
         report.submit_ms = ms(submit);

@@ -20,6 +20,9 @@ pub struct RenderSettings {
     pub ambient: f64,
     /// Light that a surface facing the sun gets on top.
     pub diffuse: f64,
+    /// Milliseconds that a frame may take while the camera moves ([`crate::effort`]); `None` draws everything, as settled
+    /// pictures and the reference always do.
+    pub target_ms: Option<f64>,
 }
 
 impl Default for RenderSettings {
@@ -31,6 +34,7 @@ impl Default for RenderSettings {
             sun: sun_direction(135.0, 45.0),
             ambient: 0.3,
             diffuse: 0.7,
+            target_ms: None,
         }
     }
 }
@@ -68,6 +72,9 @@ impl RenderSettings {
         }
         if !(self.sun.is_finite() && self.ambient.is_finite() && self.diffuse.is_finite()) {
             return Err("the light is not finite");
+        }
+        if !self.target_ms.is_none_or(|ms| ms.is_finite() && ms > 0.0) {
+            return Err("the time for a frame is not above zero");
         }
         Ok(())
     }

@@ -170,3 +170,66 @@ fn a_slow_pan_does_not_flicker() {
         assert!(spike(&changes) < 1.15, "{changes:?}");
     });
 }
+
+#[test]
+fn a_time_to_keep_costs_pixels_in_motion_and_none_at_rest() {
+    exactly("a_time_to_keep_costs_pixels_in_motion_and_none_at_rest", || {
+        let (world, middle) = terrain();
+        let full = RenderSettings::default();
+        let timed = |ms: f64| RenderSettings {
+            target_ms: Some(ms),
+            ..full
+        };
+        let camera = |frame: u32| Camera {
+            eye: overview(middle, 40.0).eye + DVec3::X * (1e-3 * f64::from(frame)),
+            ..overview(middle, 40.0)
+        };
+        let mut renderer = world.renderer();
+        let (whole, _) = settled(&mut renderer, &camera(40), &full);
+        let mut draw = |frame: u32, settings: &RenderSettings| {
+            let report = renderer.frame(&camera(frame), settings).unwrap();
+            renderer.gpu().wait().unwrap();
+            (report, renderer.read_picture().unwrap())
+        };
+        // Time for everything: the same bits.
+        assert!(draw(40, &timed(1e6)).1 == whole);
+        let mut before = full.bias;
+        let mut last = None;
+        for frame in 0..=40 {
+            let (report, picture) = draw(frame, &timed(1e-3));
+            assert_eq!([picture.width, picture.height], PIXELS);
+            assert!(report.bias - before <= 0.125, "{} after {before}", report.bias);
+            before = report.bias;
+            last = Some((report, picture));
+        }
+        let (report, small) = last.unwrap();
+        assert_eq!((report.bias, report.scale), (full.bias + 2.0, 0.5));
+        // It is the picture of a camera with half the pixels, each twice as wide.
+        let half = RenderSettings {
+            bias: report.bias - 1.0,
+            ..full
+        };
+        let [width, height] = PIXELS.map(|side| side / 2);
+        let smaller = Camera {
+            width,
+            height,
+            ..camera(40)
+        };
+        let (picture, _) = settled(&mut world.renderer(), &smaller, &half);
+        let pairs = picture.resized(PIXELS[0], PIXELS[1]);
+        let pairs = pairs
+            .pixels
+            .as_flattened()
+            .iter()
+            .zip(small.pixels.as_flattened());
+        let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(worst <= 1e-4, "{worst}");
+        // At rest it sharpens to the whole picture, which a settled one is at once.
+        let rest = (0..30).map(|_| draw(40, &timed(1e-3))).last().unwrap();
+        assert_eq!((rest.0.bias, rest.0.scale), (full.bias, 1.0));
+        assert!(rest.1 == whole);
+        assert_eq!(draw(41, &timed(1e-3)).0.scale, 0.5);
+        let (picture, report) = settled(&mut renderer, &camera(40), &timed(1e-3));
+        assert!(picture == whole && report.scale == 1.0);
+    });
+}

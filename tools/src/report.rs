@@ -54,7 +54,15 @@ pub struct Summary {
     pub fps_median: f64,
     /// Wall time of a frame, from its begin to the device's end; settled: of the frame that was kept.
     pub frame_ms: Percentiles,
-    /// Pixels over the median time that the device cast.
+    /// What a frame was to take; `null` without `--target-ms`.
+    pub target_ms: Option<f64>,
+    /// Part of the frames whose `frame_ms` is not above that.
+    pub within_target: Option<f64>,
+    /// Mean of the frames' bias.
+    pub bias_mean: f64,
+    /// Mean of the frames' scale.
+    pub scale_mean: f64,
+    /// Rays of the median picture over the median time that the device cast.
     pub rays_per_second: f64,
     /// Trees of the scene.
     pub trees_total: usize,
@@ -143,6 +151,8 @@ pub struct FrameEntry {
     pub pending: usize,
     /// Footprint bias in effect.
     pub bias: f64,
+    /// Part of the pixels per axis that were drawn.
+    pub scale: f64,
     /// Holes against the CPU reference.
     pub holes: Option<usize>,
     /// Node reads per ray that hits.

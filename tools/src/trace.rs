@@ -112,7 +112,9 @@ impl Trace {
         let duration = report.frame_ms.max(report.cpu_ms) * 1e3;
         let begin = (end - duration).max(0.0);
         let index = report.frame;
-        self.event(FRAME, "X", begin, Some(duration), json!({ "frame": index }))?;
+        let row =
+            json!({ "frame": index, "bias": report.bias, "scale": report.scale, "ms": duration * 1e-3 });
+        self.event(FRAME, "X", begin, Some(duration), row)?;
         let mut at = begin;
         for (name, ms) in [
             ("readback", report.readback_ms),
@@ -201,6 +203,8 @@ mod tests {
             merge_ms: 1.0,
             cull_ms: 2.0,
             cpu_ms: 5.0,
+            bias: -0.5,
+            scale: 0.5,
             trees_visible: 7,
             ..FrameReport::default()
         };
@@ -236,6 +240,8 @@ mod tests {
         assert_eq!(named(counter::HELD)[0]["args"]["kept"], 40);
         let (frame, cull) = (named(FRAME)[0], named("cull")[0]);
         let at = |event: &Value, key: &str| event[key].as_f64().unwrap();
+        let row = json!({ "frame": 4, "bias": -0.5, "scale": 0.5, "ms": 5.0 });
+        assert_eq!(frame["args"], row);
         assert!(at(frame, "dur") == 5000.0 && at(cull, "dur") == 2000.0);
         assert_eq!(at(cull, "ts"), at(named("merge")[0], "ts") + 1000.0);
         assert_eq!(named(FAULT).len(), 1);

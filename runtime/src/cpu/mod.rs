@@ -44,7 +44,10 @@ const TILE: usize = 8;
 pub(crate) struct CpuCaster {
     sizes: PoolSizes,
     pools: Pools,
+    /// What was drawn of it, which may be fewer pixels.
     picture: Picture,
+    /// Pixels of the whole one.
+    whole: [u32; 2],
     /// Of the last cast, until it is collected.
     feedback: Option<Feedback>,
 }
@@ -76,6 +79,7 @@ impl CpuCaster {
             sizes,
             pools: Pools::new(sizes.bricks(), sizes.tiles),
             picture: Picture::default(),
+            whole: [0; 2],
             feedback: None,
         })
     }
@@ -114,14 +118,12 @@ impl CpuCaster {
     pub(crate) fn cast(&mut self, cast: &Cast<'_>) {
         let start = Instant::now();
         let camera = cast.camera;
-        let (width, height) = (camera.width as usize, camera.height as usize);
-        if (self.picture.width, self.picture.height) != (camera.width, camera.height) {
-            self.picture = Picture {
-                width: camera.width,
-                height: camera.height,
-                pixels: vec![[0.0; 4]; width * height],
-            };
-        }
+        let [columns, rows] = cast.raster.size;
+        self.whole = [camera.width, camera.height];
+        (self.picture.width, self.picture.height) = (columns, rows);
+        self.picture
+            .pixels
+            .resize(columns as usize * rows as usize, [0.0; 4]);
         let lens = Lens {
             eye: camera.eye,
             footprint: camera.pixel_size() * cast.bias.exp2(),
@@ -132,13 +134,10 @@ impl CpuCaster {
             let bounds = [drawn.bounds.min, drawn.bounds.max];
             View::new(&drawn.header, bounds, drawn.least_level, &lens)
         };
-        let stride = cast.stride as usize;
-        let [columns, rows] = [width, height].map(|pixels| pixels.div_ceil(stride));
-        let pixel = |k: usize, axis: usize| (k * stride) as f64 + f64::from(cast.first[axis]);
         let frame = Frame {
             screen: [
-                (0..columns).map(|k| camera.screen(pixel(k, 0), 0.0).x).collect(),
-                (0..rows).map(|k| camera.screen(0.0, pixel(k, 1)).y).collect(),
+                (0..columns).map(|k| cast.raster.screen(camera, k, 0).x).collect(),
+                (0..rows).map(|k| cast.raster.screen(camera, 0, k).y).collect(),
             ],
             trees: cast.drawn.iter().map(|d| (view(d), d)).collect(),
             shading: Shading::new(cast.settings),
@@ -147,7 +146,7 @@ impl CpuCaster {
             lens,
         };
         let arch = pulp::Arch::new();
-        let strips = self.picture.pixels[..rows * width].par_chunks_mut(TILE * width);
+        let strips = self.picture.pixels.par_chunks_mut(TILE * columns as usize);
         let (counters, requests) = strips
             .enumerate()
             .map(|(strip, pixels)| {
@@ -175,6 +174,7 @@ impl CpuCaster {
             used_tiles,
             counters,
             gpu_ms: [0.0, start.elapsed().as_secs_f64() * 1e3, 0.0],
+            done_ms: start.elapsed().as_secs_f64() * 1e3,
         });
     }
 
@@ -183,9 +183,10 @@ impl CpuCaster {
         self.feedback.take()
     }
 
-    /// The last picture.
-    pub(crate) fn picture(&self) -> &Picture {
-        &self.picture
+    /// The last picture; enlarged if fewer pixels were drawn.
+    pub(crate) fn picture(&self) -> Picture {
+        let [width, height] = self.whole;
+        self.picture.clone().resized(width, height)
     }
 }
 
@@ -210,7 +211,6 @@ impl Frame<'_> {
     /// Casts the rays of a row of tiles.
     #[inline(always)]
     fn strip(&self, strip: usize, pixels: &mut [[f32; 4]]) -> (RayCounters, Vec<Request>) {
-        let width = self.cast.camera.width as usize;
         let columns = self.screen[0].len();
         let mut counters = RayCounters::default();
         let mut nodes = Nodes::new(self.pools, self.cast.frame);
@@ -222,7 +222,7 @@ impl Frame<'_> {
             let may_ask = turn.is_multiple_of(self.cast.request_share);
             let first = tile * TILE;
             let last = columns.min(first + TILE);
-            let rows = pixels.len() / width;
+            let rows = pixels.len() / columns;
             let direction = |column: usize, row: usize| {
                 let [x, y] = [self.screen[0][column], self.screen[1][strip * TILE + row]];
                 let camera = self.cast.camera;
@@ -235,7 +235,7 @@ impl Frame<'_> {
                 direction(last - 1, rows - 1),
             ]);
             starts.iter_mut().for_each(|start| *start = None);
-            for (row, pixels) in pixels.chunks_exact_mut(width).enumerate() {
+            for (row, pixels) in pixels.chunks_exact_mut(columns).enumerate() {
                 for (column, pixel) in (first..last).zip(&mut pixels[first..last]) {
                     nodes.begin(may_ask);
                     let (rgba, counts) = self.ray(direction(column, row), &beam, &mut starts, &mut nodes);

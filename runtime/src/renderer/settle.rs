@@ -9,6 +9,7 @@ use super::{FrameReport, Prepared, Renderer, ms};
 use crate::error::RuntimeError;
 use crate::memory::MAX_UPLOAD_BRICKS;
 use crate::node_lists::ActiveTree;
+use crate::raster::Raster;
 use crate::settings::RenderSettings;
 
 /// Most frames that a picture may take to settle.
@@ -53,16 +54,23 @@ impl Renderer {
         camera: &Camera,
         settings: &RenderSettings,
     ) -> Result<(FrameReport, u32), RuntimeError> {
+        settings.check(camera).map_err(RuntimeError::Argument)?;
+        // A still picture is drawn in full.
+        let settings = &RenderSettings {
+            target_ms: None,
+            ..*settings
+        };
         let mut quiet = 0;
         let mut total = Uploads::default();
         // What is missing is found by a fraction of the rays; whole pictures confirm it.
         let mut stride = PROBE_STRIDE;
         for frames in 1..=SETTLE_LIMIT {
-            let (prepared, uploads) = self.prepare_all(camera, settings)?;
+            let (mut prepared, uploads) = self.prepare_all(camera, settings)?;
             total += uploads;
             let start = prepared.start;
             let all_asked = self.request_share == 1;
-            let mut report = self.draw(camera, settings, prepared, stride)?;
+            prepared.raster = Raster::probe(camera, self.frame, stride);
+            let mut report = self.draw(camera, settings, prepared)?;
             self.backend.wait()?;
             report.frame_ms = ms(start);
             self.absorb_frame();

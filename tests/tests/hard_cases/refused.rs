@@ -73,6 +73,13 @@ fn cameras_and_settings_without_a_picture() {
             );
             refused("field of view", Camera { fov_y: bad, ..good }, plain);
             refused("bias", good, RenderSettings { bias: bad, ..plain });
+            for target_ms in [bad, 0.0, -1.0] {
+                let timed = RenderSettings {
+                    target_ms: Some(target_ms),
+                    ..plain
+                };
+                refused("time", good, timed);
+            }
             refused(
                 "sun",
                 good,

@@ -51,7 +51,7 @@ pub(super) fn scene(settings: &Settings<'_>) -> Result<PathBuf, CommandError> {
     hills(settings.folder, VOXELS, VOXELS)
 }
 
-fn open(settings: &Settings<'_>) -> Result<(Arc<dyn Store>, Terrain), CommandError> {
+pub(super) fn open(settings: &Settings<'_>) -> Result<(Arc<dyn Store>, Terrain), CommandError> {
     let store: Arc<dyn Store> = Arc::new(FolderStore::open(scene(settings)?)?);
     let terrain = Terrain::open(&store)?;
     Ok((store, terrain))

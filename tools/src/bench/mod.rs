@@ -8,6 +8,7 @@ pub mod agreement;
 pub mod builder;
 pub mod caster;
 pub mod culler;
+pub mod effort;
 mod filter_scenes;
 pub mod filters;
 pub mod pager;
@@ -100,6 +101,12 @@ pub const SUITES: &[Suite] = &[
         about: "culling and ordering, few and many trees in view",
         draws: false,
         run: culler::rows,
+    },
+    Suite {
+        name: "effort",
+        about: "a flight at full effort, and in half its time",
+        draws: true,
+        run: effort::rows,
     },
     Suite {
         name: "filters",

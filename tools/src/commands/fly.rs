@@ -50,6 +50,9 @@ pub struct Args {
     /// Wait until each frame is settled instead of following the clock, and count its holes against the reference
     #[arg(long)]
     pub settle: bool,
+    /// Milliseconds that a frame may take: while the camera moves, levels and the picture's scale are as fine as that allows
+    #[arg(long, value_name = "MS", value_parser = parse_ms, conflicts_with = "settle")]
+    pub target_ms: Option<f64>,
     /// Folder for frames, overview and report
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -67,6 +70,15 @@ fn parse_rate(text: &str) -> Result<f64, String> {
         Ok(rate)
     } else {
         Err("a rate is 0.001 to 1000 per second".into())
+    }
+}
+
+fn parse_ms(text: &str) -> Result<f64, String> {
+    let ms: f64 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
+    if (0.001..=1e6).contains(&ms) {
+        Ok(ms)
+    } else {
+        Err("a frame takes 0.001 to 1000000 milliseconds".into())
     }
 }
 
@@ -123,7 +135,10 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     let mut flying = Flying {
         args,
         path,
-        settings: args.view.settings(),
+        settings: RenderSettings {
+            target_ms: args.target_ms,
+            ..args.view.settings()
+        },
         renderer,
         entries: Vec::new(),
         cameras: Vec::new(),
@@ -162,6 +177,14 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         s.rays_per_second * 1e-6,
         s.adapter
     );
+    if let (Some(target_ms), Some(within)) = (s.target_ms, s.within_target) {
+        println!(
+            "{:.1} % of the frames within {target_ms} ms; mean bias {:.2}, mean scale {:.2}",
+            within * 100.0,
+            s.bias_mean,
+            s.scale_mean
+        );
+    }
     println!("see {} and {}", overview.display(), file.display());
     for fault in &s.faults {
         eprintln!("brickfell: {fault}");
@@ -342,6 +365,7 @@ impl Flying<'_> {
             requests: feedback.request_count,
             pending: report.pending,
             bias: report.bias,
+            scale: report.scale,
             holes: None,
             nodes_per_ray: per_ray(c.nodes, c),
             samples_per_ray: per_ray(c.samples, c),
@@ -356,13 +380,24 @@ impl Flying<'_> {
         let frame_ms = Percentiles::of(self.entries.iter().map(|e| e.frame_ms));
         let cast_ms = Percentiles::of(self.entries.iter().map(|e| e.gpu_cast_ms)).p50;
         let (width, height) = self.args.view.size;
-        let rays = f64::from(width) * f64::from(height);
+        let drawn = Percentiles::of(self.entries.iter().map(|e| e.scale * e.scale)).p50;
+        let rays = f64::from(width) * f64::from(height) * drawn;
+        let mean = |value: fn(&FrameEntry) -> f64| {
+            self.entries.iter().map(value).sum::<f64>() / self.entries.len().max(1) as f64
+        };
         let per_second = |ms: f64, count: f64| if ms > 0.0 { count * 1e3 / ms } else { 0.0 };
         let summary = Summary {
             frames: self.entries.len(),
             seconds,
             fps_median: per_second(frame_ms.p50, 1.0),
             frame_ms,
+            target_ms: self.args.target_ms,
+            within_target: self.args.target_ms.map(|target| {
+                let within = self.entries.iter().filter(|e| e.frame_ms <= target).count();
+                within as f64 / self.entries.len().max(1) as f64
+            }),
+            bias_mean: mean(|e| e.bias),
+            scale_mean: mean(|e| e.scale),
             rays_per_second: per_second(if cast_ms > 0.0 { cast_ms } else { frame_ms.p50 }, rays),
             trees_total,
             trees_active_max: self.entries.iter().map(|e| e.trees_active).max().unwrap_or(0),
