@@ -188,7 +188,7 @@ fn a_time_to_keep_costs_pixels_in_motion_and_none_at_rest() {
         let (whole, _) = settled(&mut renderer, &camera(40), &full);
         let mut draw = |frame: u32, settings: &RenderSettings| {
             let report = renderer.frame(&camera(frame), settings).unwrap();
-            renderer.gpu().wait().unwrap();
+            renderer.wait().unwrap();
             (report, renderer.read_picture().unwrap())
         };
         // Time for everything: the same bits.
