@@ -39,24 +39,31 @@ pub(super) fn decode(block: [u8; BYTES], between: Between) -> [u8; 16] {
     std::array::from_fn(|t| values[(indices >> (3 * t) & 7) as usize])
 }
 
-/// Whether a value may stand for another one. What is opaque keeps the margin that solid ground has: what a device makes of values
-/// between the ends may be a code or two less.
-fn serves(value: u8, wanted: u8) -> bool {
-    (value == 0) == (wanted == 0) && (wanted < OPAQUE || value >= wanted.min(SOLID_ALPHA))
+/// The values of indices: the nearest, and rounded down.
+fn values(ends: [u8; 2]) -> [[u8; 2]; 8] {
+    let [near, low] = [Between::Nearest, Between::Floored].map(|between| palette(ends, between));
+    std::array::from_fn(|index| [near[index], low[index]])
+}
+
+/// Whether a value may stand for another one, however it is rounded. What is opaque keeps the margin that solid ground has.
+fn serves(value: [u8; 2], wanted: u8) -> bool {
+    let [near, low] = value;
+    let is_there = value.iter().all(|v| (*v == 0) == (wanted == 0));
+    is_there && (wanted < OPAQUE || near >= wanted.min(SOLID_ALPHA) && low >= OPAQUE)
 }
 
 /// The index of the nearest value that may stand for a wanted one, and the square of the error.
-fn nearest(values: &[u8; 8], wanted: u8) -> Option<(u64, u32)> {
+fn nearest(values: &[[u8; 2]; 8], wanted: u8) -> Option<(u64, u32)> {
     (0..)
         .zip(values)
         .filter(|(_, value)| serves(**value, wanted))
-        .map(|(index, value)| (index, u32::from(value.abs_diff(wanted)).pow(2)))
+        .map(|(index, value)| (index, u32::from(value[0].abs_diff(wanted)).pow(2)))
         .min_by_key(|(_, error)| *error)
 }
 
 /// Sum of the squares of the errors, `None` if some value has none that may stand for it.
 fn error(ends: [u8; 2], histogram: &[(u8, u32)]) -> Option<u32> {
-    let values = palette(ends, Between::Nearest);
+    let values = values(ends);
     histogram
         .iter()
         .map(|(wanted, count)| Some(nearest(&values, *wanted)?.1 * count))
@@ -99,7 +106,7 @@ pub(super) fn encode(texels: &[u8; 16]) -> [u8; BYTES] {
             }
         }
     }
-    let values = palette(best.0, Between::Nearest);
+    let values = values(best.0);
     let mut indices = 0u64;
     for (t, wanted) in texels.iter().enumerate() {
         let index = nearest(&values, *wanted).map_or(0, |(index, _)| index);

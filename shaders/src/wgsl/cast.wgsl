@@ -244,7 +244,10 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
             }
             t = t_next;
             let old = cell;
-            let inside = clamp(tree.cell + vec3<i32>(floor(origin + d * t)), low, low + vec3(size - 1));
+            // Never back: a plane that was crossed may still be ahead by rounding, and in a box of several voxels two of them could
+            // be crossed in turn for ever.
+            let there = clamp(tree.cell + vec3<i32>(floor(origin + d * t)), low, low + vec3(size - 1));
+            let inside = select(min(there, old), max(there, old), positive);
             cell = select(inside, select(low - 1, low + size, positive), crossed);
             if (any(cell < tree.low) || any(cell >= tree.high)) {
                 return;

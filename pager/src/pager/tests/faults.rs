@@ -82,10 +82,10 @@ fn damaged_and_missing_files_name_the_path_and_leave_the_other_trees() {
         ("0.oct", |s, _| s.remove("0.oct"), "cannot be opened"),
         (
             "0.oct",
-            |s, _| s.truncate("0.oct", 300),
+            |s, _| s.truncate("0.oct", 150),
             "the file ends inside level",
         ),
-        ("0.oct", |s, _| s.inject("0.oct", Fault::FlipBit(100)), "checksum"),
+        ("0.oct", |s, _| s.inject("0.oct", Fault::FlipBit(160)), "checksum"),
         ("0.oct", |s, _| s.put("0.oct", b"<Octree>".to_vec()), "line"),
         ("0.oct", |s, _| s.put("0.oct", Vec::new()), "0.oct"),
         ("0.L00.brk", |s, _| s.remove("0.L00.brk"), "cannot be opened"),
