@@ -15,6 +15,7 @@ use brickfell_formats::blocks::BlockChunk;
 use brickfell_formats::bricks::{BrickIndex, ChunkEntry};
 use brickfell_formats::chunk::{Chunk, Layers};
 use brickfell_formats::layout::SampleLayout;
+use brickfell_formats::occupancy::Occupancy;
 use brickfell_formats::octree::{Node, TreeHeader};
 use brickfell_formats::octree_binary::{LevelEntry, OctreeIndex};
 
@@ -151,6 +152,14 @@ impl ChunkPage {
         match self {
             Self::Samples(chunk) => chunk.layers(),
             Self::Blocks(chunk) => chunk.layers(),
+        }
+    }
+
+    /// Where the k-th brick shows anything.
+    pub fn occupancy(&self, k: usize) -> Occupancy {
+        match self {
+            Self::Samples(chunk) => chunk.occupancy(k),
+            Self::Blocks(chunk) => chunk.occupancy(k),
         }
     }
 

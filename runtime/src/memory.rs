@@ -332,10 +332,7 @@ impl PoolMemory {
         queue.write_buffer(&self.node_updates, 0, bytemuck::cast_slice(nodes));
         self.staging.clear();
         for upload in bricks {
-            let Occupancy { cells, gaps } = match &*upload.chunk {
-                ChunkPage::Samples(chunk) => chunk.occupancy(upload.brick as usize),
-                ChunkPage::Blocks(chunk) => chunk.occupancy(upload.brick as usize),
-            };
+            let Occupancy { cells, gaps } = upload.chunk.occupancy(upload.brick as usize);
             self.staging
                 .extend([upload.slot, cells as u32, (cells >> 32) as u32]);
             self.staging.extend(gaps);

@@ -135,6 +135,21 @@ mod tests {
     }
 
     #[test]
+    fn sizes_in_words_are_those_of_rust() {
+        let has = |source: &str, name: &str, words: usize| {
+            assert!(
+                source.contains(&format!("const {name}: u32 = {words}u;")),
+                "{name}"
+            );
+        };
+        has(CAST, "OCCUPANCY_WORDS", layout::OCCUPANCY_WORDS);
+        has(SCATTER, "OCCUPANCY_WORDS", layout::OCCUPANCY_WORDS);
+        has(CAST, "LIST_WORDS", layout::LIST_WORDS);
+        has(CAST, "COUNTER_WORDS", layout::COUNTER_WORDS);
+        has(CAST, "TABLE_WORDS", layout::TABLE_WORDS);
+    }
+
+    #[test]
     fn requests_unpack_as_the_rays_pack_them() {
         let (tree, level, p) = (65_000u32, 20u32, [0xf_fffeu32, 0xa_bcde, 0x1_2345]);
         // As `ask` in cast.wgsl.

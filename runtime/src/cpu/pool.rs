@@ -6,7 +6,7 @@
 //!
 //! ```text
 //! brick   occupied  8 x 64 bits        by voxel
-//!         between   9 x 9 x 16 bits    by z, y and bit x of the first of eight samples
+//!         gaps      9 x 9 x 9 bits     by the first of eight samples (`formats::occupancy`)
 //!         samples  [i16; 8] each   r g b a nx ny nz 0     of 32640: an alpha or opacity of n/255 is 128 n, exact
 //!         axes     [i16; 4] each   x y z 0                the same; where the brick has opacities against the axes
 //! ```
@@ -18,6 +18,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use brickfell_formats::blocks::{Between, NORMAL_SCALE, NORMAL_ZERO};
 use brickfell_formats::chunk::Layers;
 use brickfell_formats::layout::SampleLayout;
+use brickfell_formats::occupancy::{GAP_WORDS, GAPS};
 use brickfell_formats::value::{decode_normal, srgb_to_linear_f64};
 use brickfell_pager::ChunkPage;
 use brickfell_shaders::layout::BRICK;
@@ -56,7 +57,7 @@ fn opacity(code: u8) -> i16 {
 #[derive(Debug)]
 pub(super) struct Packed {
     occupied: Mask,
-    between: [[u16; 9]; 9],
+    gaps: [u32; GAP_WORDS],
     /// The box of the occupied voxels, high corner exclusive; nothing is in it if there are none.
     filled: [[u8; 3]; 2],
     samples: Box<[[i16; 8]]>,
@@ -102,7 +103,7 @@ impl Packed {
         Self {
             occupied,
             filled: filled(&occupied),
-            between: between(&samples, layout),
+            gaps: chunk.occupancy(k).gaps,
             samples: samples.into(),
             axes: axes.into(),
             side: layout.side() as usize,
@@ -169,22 +170,6 @@ fn filled(mask: &Mask) -> [[u8; 3]; 2] {
     [low, high]
 }
 
-/// The first ones of eight samples of which one has an alpha.
-fn between(samples: &[[i16; 8]], layout: SampleLayout) -> [[u16; 9]; 9] {
-    let side = layout.side() as usize;
-    let mut mask = [[0; 9]; 9];
-    for (k, _) in samples.iter().enumerate().filter(|(_, s)| s[3] != 0) {
-        let [x, y, z] = [k % side, k / side % side, k / (side * side)];
-        let row = 0b11u16 << x >> 1;
-        for rows in &mut mask[z.saturating_sub(1)..(z + 1).min(9)] {
-            for bits in &mut rows[y.saturating_sub(1)..(y + 1).min(9)] {
-                *bits |= row;
-            }
-        }
-    }
-    mask
-}
-
 impl Brick<f32> for &Packed {
     #[inline(always)]
     fn occupied(&self) -> &Mask {
@@ -204,7 +189,8 @@ impl Brick<f32> for &Packed {
             part[k] = (texel - (first << 8)) as f32 * (1.0 / 256.0);
         }
         *reads += 1;
-        if self.between[base[2]][base[1]] >> base[0] & 1 == 0 {
+        let gap = (base[2] * GAPS + base[1]) * GAPS + base[0];
+        if self.gaps[gap / 32] >> (gap % 32) & 1 == 0 {
             return Value::default();
         }
         let row = self.side;

@@ -5,10 +5,9 @@
 use rayon::prelude::*;
 
 use super::blocks::{BlockColumn, Blocks, Slot};
-use super::cells::{
-    BLOCK, Cells, Mask, NONE, both, count, dense, each, either, in_block, mask_of, put, without,
-};
+use super::cells::{BLOCK, Cells, Mask, NONE, both, count, each, either, mask_of, without};
 use super::faces::Binned;
+use super::facets::{FacetBlock, FacetBlocks, Facets};
 use super::filter::{Cover, Level, thinned};
 use super::ground::{Ground, GroundGrid};
 use super::inside::Inside;
@@ -16,7 +15,7 @@ use super::lattice::{CellBox, Lattice, Region, SIDE};
 use super::overlap::{Voxelise, for_each_cell};
 use super::sample::{Look, Sample};
 use super::spill::{Reader, Writer};
-use super::surface::{Facet, Shader};
+use super::surface::Shader;
 use crate::input::{InputError, Material, Placing};
 
 /// Block columns of a tile per axis.
@@ -197,114 +196,6 @@ fn faces_by_tile(sources: &Sources, tiles: &[CellBox]) -> Vec<Vec<u32>> {
         }
     }
     lists
-}
-
-/// What triangles leave in a cell.
-#[derive(Clone, Copy, Debug, Default)]
-struct Facets {
-    skin: f32,
-    alpha: f32,
-    sum: f32,
-    rgb: [f32; 3],
-    normal: [f32; 3],
-    cover: Cover,
-}
-
-impl Facets {
-    fn add(&mut self, f: &Facet) {
-        self.skin = self.skin.max(f.skin);
-        self.alpha = self.alpha.max(f.alpha);
-        self.sum += f.alpha;
-        for k in 0..3 {
-            self.rgb[k] += f.rgb[k] * f.alpha;
-            self.normal[k] += f.normal[k] * f.alpha;
-        }
-    }
-}
-
-/// What faces leave in a block: numbers of cells, plus one, and what is in them as they were met first.
-struct FacetBlock {
-    at: [i64; 3],
-    index: Box<[u16; BLOCK]>,
-    facets: Vec<Facets>,
-}
-
-impl FacetBlock {
-    #[inline]
-    fn cell(&mut self, place: usize) -> &mut Facets {
-        let number = &mut self.index[place];
-        if *number == 0 {
-            self.facets.push(Facets::default());
-            *number = self.facets.len() as u16;
-        }
-        &mut self.facets[usize::from(*number) - 1]
-    }
-
-    fn get(&self, place: usize) -> Option<&Facets> {
-        let number = usize::from(self.index[place]).checked_sub(1)?;
-        self.facets.get(number)
-    }
-
-    /// Cells for which something holds.
-    fn mask(&self, holds: impl Fn(&Facets) -> bool) -> Mask {
-        let mut mask = NONE;
-        for (place, number) in self.index.iter().enumerate().filter(|n| *n.1 > 0) {
-            if holds(&self.facets[usize::from(*number) - 1]) {
-                put(&mut mask, place);
-            }
-        }
-        mask
-    }
-
-    /// What they cover, if anything.
-    fn covers(&self) -> Option<Cells<Cover>> {
-        let held = self.mask(|f| f.cover != Cover::default());
-        let mut covers = Vec::with_capacity(count(&held) as usize);
-        each(&held, |place| covers.extend(self.get(place).map(|f| f.cover)));
-        (held != NONE).then(|| Cells::new(held, NONE, covers))
-    }
-}
-
-/// What faces leave in the blocks of a tile: blocks by their place, as they were met first.
-struct FacetBlocks {
-    extent: CellBox,
-    /// Number of a block, plus one; 0 where there is none.
-    index: Vec<u32>,
-    blocks: Vec<FacetBlock>,
-}
-
-impl FacetBlocks {
-    fn new(extent: &CellBox) -> Self {
-        let size: i64 = (0..3).map(|k| extent.hi[k] - extent.lo[k]).product();
-        Self {
-            extent: *extent,
-            index: vec![0; size as usize],
-            blocks: Vec::new(),
-        }
-    }
-
-    #[inline]
-    fn at(&mut self, [x, y, z]: [i64; 3]) -> &mut Facets {
-        let at = [x.div_euclid(SIDE), y.div_euclid(SIDE), z.div_euclid(SIDE)];
-        let CellBox { lo, hi } = &self.extent;
-        let [i, j, k]: [i64; 3] = std::array::from_fn(|a| at[a] - lo[a]);
-        let slot = &mut self.index[((k * (hi[1] - lo[1]) + j) * (hi[0] - lo[0]) + i) as usize];
-        if *slot == 0 {
-            self.blocks.push(FacetBlock {
-                at,
-                index: dense(),
-                facets: Vec::new(),
-            });
-            *slot = self.blocks.len() as u32;
-        }
-        self.blocks[*slot as usize - 1].cell(in_block(x, y, z))
-    }
-
-    /// Blocks sorted by x, y, z.
-    fn sorted(mut self) -> Vec<FacetBlock> {
-        self.blocks.sort_unstable_by_key(|b| b.at);
-        self.blocks
-    }
 }
 
 fn voxelise_tile(sources: &Sources, tile: &CellBox, faces: &[u32]) -> Result<(Vec<Column>, Met), InputError> {

@@ -22,6 +22,7 @@ mod cells;
 mod crop;
 mod error;
 mod faces;
+mod facets;
 mod filter;
 mod finest;
 mod ground;
