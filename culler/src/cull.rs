@@ -11,6 +11,7 @@ use crate::camera::Camera;
 use crate::frustum::Frustum;
 use crate::scene::{SceneGraph, TreeId};
 use crate::sort::{Item, Sorter};
+use glam::DVec3;
 use walk::Walk;
 
 /// A tree that is in view or soon may be.
@@ -93,6 +94,8 @@ impl CullResult {
 pub struct Culler {
     prefetch_margin: f64,
     smallest_feature: f64,
+    /// Unit vector towards the sun whose shadows count.
+    shadows: Option<DVec3>,
     /// By tree id, the last frame it was visible, or `NEVER`.
     last_access: Vec<u64>,
     /// Nodes still to be visited, nearest last.
@@ -124,6 +127,12 @@ impl Culler {
     /// scenes of things that stand apart.
     pub fn set_smallest_feature(&mut self, pixels: f64) {
         self.smallest_feature = pixels;
+    }
+
+    /// From now on what throws a shadow into the frustum counts as in view: `sun` is the unit vector towards the sun. Shadows are taken to
+    /// fall as far as the scene's lowest point. `None` turns that off.
+    pub fn set_shadows(&mut self, sun: Option<DVec3>) {
+        self.shadows = sun;
     }
 
     /// The last frame in which the tree was in [`CullResult::visible`].
@@ -183,6 +192,7 @@ impl Culler {
             forward: camera.forward,
             cut,
             margin: self.prefetch_margin,
+            shadows: (self.shadows).zip(scene.bounds().map(|b| b.min.z)),
             smallest: self.smallest_feature * camera.pixel_size(),
             nearby,
             wanted: &mut result.wanted,

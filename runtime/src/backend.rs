@@ -13,11 +13,12 @@ use crate::caster::{Caster, Feedback, REQUEST_CAPACITY};
 use crate::cpu::CpuCaster;
 use crate::error::RuntimeError;
 use crate::gpu::Gpu;
+use crate::march::{LIFT, SKY_MIDDLE, SKY_TILT, SKY_WIDTH};
 use crate::memory::{PoolMemory, PoolSizes};
 use crate::picture::Picture;
 use crate::raster::Raster;
 use crate::record::tree_record;
-use crate::settings::RenderSettings;
+use crate::settings::{RenderSettings, SUN_WIDTH};
 use crate::terrain::Terrain;
 use crate::texture_pool::UploadBatch;
 
@@ -175,11 +176,12 @@ impl Backend {
     ///
     /// # Errors
     /// If the device failed or draws none of this size.
-    pub(crate) fn begin(&mut self, camera: &Camera) -> Result<(), RuntimeError> {
+    pub(crate) fn begin(&mut self, camera: &Camera, settings: &RenderSettings) -> Result<(), RuntimeError> {
         match self {
             Self::Gpu(b) => {
                 b.gpu.check()?;
-                b.caster.resize(&b.gpu, &b.memory, camera.width, camera.height)
+                let lights = [settings.shadows, settings.occlusion];
+                (b.caster).prepare(&b.gpu, &b.memory, [camera.width, camera.height], lights)
             }
             Self::Cpu(_) => Ok(()),
         }
@@ -303,9 +305,10 @@ fn frame_uniform(cast: &Cast<'_>, sizes: PoolSizes) -> layout::Frame {
         segment_shift,
         segment_samples,
         lists: u32::from(cast.drawn.len() > LISTED_FROM),
-        pad: 0,
+        sky_middle: SKY_MIDDLE as f32,
         slot: [x, y, z, 0],
         normal_scale: (255.0 / normal_scale).extend(0.0).to_array(),
         normal_zero: (-normal_zero / normal_scale).extend(0.0).to_array(),
+        cones: [SUN_WIDTH, SKY_WIDTH, LIFT, SKY_TILT].map(|x| x as f32),
     }
 }

@@ -80,7 +80,10 @@ struct Target {
 #[derive(Debug)]
 pub struct Caster {
     list_trees: wgpu::ComputePipeline,
-    cast: wgpu::ComputePipeline,
+    /// For each set of lights that surfaces hide from each other, once it was asked for.
+    casts: [Option<wgpu::ComputePipeline>; 4],
+    /// The set in use.
+    lights: usize,
     compact_pixels: wgpu::ComputePipeline,
     compact_usage: wgpu::ComputePipeline,
     uniform: wgpu::Buffer,
@@ -107,7 +110,6 @@ impl Caster {
     pub fn new(gpu: &Gpu, pools: &PoolMemory) -> Result<Self, RuntimeError> {
         use wgpu::BufferUsages as B;
         let list_trees = gpu.compute_pipeline("list trees", LISTS, "list_trees");
-        let cast = gpu.compute_pipeline("cast", CAST, "cast_rays");
         let compact_pixels = gpu.compute_pipeline("compact pixels", COMPACT, "compact_pixels");
         let compact_usage = gpu.compute_pipeline("compact usage", COMPACT, "compact_usage");
         let usage_words = pools.sizes.bricks().div_ceil(32) + pools.sizes.tiles.div_ceil(32);
@@ -164,7 +166,8 @@ impl Caster {
         gpu.check()?;
         Ok(Self {
             list_trees,
-            cast,
+            casts: [const { None }; 4],
+            lights: 0,
             compact_pixels,
             compact_usage,
             uniform,
@@ -193,24 +196,31 @@ impl Caster {
         fixed + ring + target
     }
 
-    /// Makes the buffers fit a picture size.
+    /// Makes kernel and buffers fit a picture: its size, and whether surfaces hide the sun and the sky from each other. A kernel is
+    /// compiled when it is first asked for.
     ///
     /// # Errors
     /// If the size is zero or beyond the device's limits.
-    pub fn resize(
+    pub fn prepare(
         &mut self,
         gpu: &Gpu,
         pools: &PoolMemory,
-        width: u32,
-        height: u32,
+        [width, height]: [u32; 2],
+        [shadows, occlusion]: [bool; 2],
     ) -> Result<(), RuntimeError> {
-        if self
-            .target
-            .as_ref()
-            .is_some_and(|t| (t.width, t.height) == (width, height))
-        {
+        let lights = usize::from(shadows) + 2 * usize::from(occlusion);
+        let fits = |t: &Target| (t.width, t.height, self.lights) == (width, height, lights);
+        if self.target.as_ref().is_some_and(fits) {
             return Ok(());
         }
+        self.lights = lights;
+        let kernel = &*self.casts[lights].get_or_insert_with(|| {
+            let cones = [
+                ("SUN_CONES", f64::from(u8::from(shadows))),
+                ("SKY_CONES", 6.0 * f64::from(u8::from(occlusion))),
+            ];
+            gpu.compute_pipeline_with("cast", CAST, "cast_rays", &cones)
+        });
         let limits = gpu.device.limits();
         let refuse = |reason: String| {
             Err(RuntimeError::Size {
@@ -263,7 +273,7 @@ impl Caster {
             ],
         );
         let cast = gpu.bind(
-            &self.cast,
+            kernel,
             &[
                 (0, self.uniform.as_entire_binding()),
                 (1, self.trees.as_entire_binding()),
@@ -345,7 +355,7 @@ impl Caster {
                 pass.set_bind_group(0, &target.list_trees, &[]);
                 pass.dispatch_workgroups(tiles(width, height).div_ceil(64), 1, 1);
             }
-            pass.set_pipeline(&self.cast);
+            pass.set_pipeline(self.casts[self.lights].as_ref()?);
             pass.set_bind_group(0, &target.cast, &[]);
             pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
         }

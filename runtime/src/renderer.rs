@@ -305,7 +305,7 @@ impl Renderer {
     ) -> Result<Prepared, RuntimeError> {
         let start = Instant::now();
         settings.check(camera).map_err(RuntimeError::Argument)?;
-        self.backend.begin(camera)?;
+        self.backend.begin(camera, settings)?;
         self.frame += 1;
         let frame = self.frame;
         let mut report = FrameReport {
@@ -338,6 +338,7 @@ impl Renderer {
                 None => Readiness::Awaited,
             },
         };
+        (self.culler).set_shadows(settings.shadows.then_some(settings.sun));
         let result = (self.culler).cull_cut(&self.terrain.graph, camera, &cut, u64::from(frame));
         report.cull_ms = ms(cull);
         report.trees_visible = result.visible.len();

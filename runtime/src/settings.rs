@@ -3,6 +3,9 @@
 use brickfell_culler::Camera;
 use glam::DVec3;
 
+/// Width of the sun per metre of distance: it looks 0.533° wide.
+pub const SUN_WIDTH: f64 = 0.0093;
+
 /// How a picture is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderSettings {
@@ -20,6 +23,10 @@ pub struct RenderSettings {
     pub ambient: f64,
     /// Light that a surface facing the sun gets on top.
     pub diffuse: f64,
+    /// Whether surfaces hide the sun from each other: a cone of the sun's width from each pixel.
+    pub shadows: bool,
+    /// Whether surfaces hide the sky, from which the ambient light comes, from each other: six wide cones from each pixel.
+    pub occlusion: bool,
     /// Milliseconds that a frame may take while the camera moves ([`crate::effort`]); `None` draws everything, as settled
     /// pictures and the reference always do.
     pub target_ms: Option<f64>,
@@ -34,6 +41,8 @@ impl Default for RenderSettings {
             sun: sun_direction(135.0, 45.0),
             ambient: 0.3,
             diffuse: 0.7,
+            shadows: false,
+            occlusion: false,
             target_ms: None,
         }
     }

@@ -51,14 +51,17 @@ pub struct Frame {
     pub segment_samples: u32,
     /// 1: tiles of pixels have lists of the trees that their rays may meet.
     pub lists: u32,
-    /// Unused.
-    pub pad: u32,
+    /// Share of the sky in the cone along the normal.
+    pub sky_middle: f32,
     /// Texels of a brick slot per axis; w unused.
     pub slot: [u32; 4],
     /// In blocks a normal is this times what the pool has, plus `normal_zero`; w unused.
     pub normal_scale: [f32; 4],
     /// See `normal_scale`; w unused.
     pub normal_zero: [f32; 4],
+    /// Cones: width per metre toward the sun and the sky, how many widths above the surface they begin, and the cosine between the
+    /// normal and those of the sky's that are not along it.
+    pub cones: [f32; 4],
 }
 
 /// A tree in the list; `Tree` in `frame.wgsl`.
@@ -115,7 +118,7 @@ pub struct Scatter {
     pub slots: [u32; 4],
 }
 
-const _: () = assert!(size_of::<Frame>() == 224 && size_of::<Tree>() == 112 && size_of::<Scatter>() == 32);
+const _: () = assert!(size_of::<Frame>() == 240 && size_of::<Tree>() == 112 && size_of::<Scatter>() == 32);
 
 /// Bit of a node's first word: there is no data below.
 pub const TERMINAL: u32 = 1 << 31;

@@ -103,6 +103,8 @@ mod tests {
                 slot,
                 normal_scale,
                 normal_zero,
+                sky_middle,
+                cones,
             ]
         );
         assert_layout!(

@@ -10,7 +10,7 @@ use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::scene::{CoarseOctTree, Group, PagedOctTree};
 use brickfell_runtime::reference::Reference;
 use brickfell_runtime::renderer::{Renderer, RendererConfig};
-use brickfell_runtime::settings::RenderSettings;
+use brickfell_runtime::settings::{RenderSettings, sun_direction};
 use brickfell_runtime::terrain::{Terrain, read_header};
 use brickfell_tests::demo::{Demo, SIZE};
 use brickfell_tests::exact::exactly;
@@ -83,6 +83,22 @@ fn the_gpu_agrees_with_the_reference_in_every_setting() {
             ("bias 1", RenderSettings { bias: 1.0, ..default }),
             ("half steps", RenderSettings { step: -1, ..default }),
             ("double steps", RenderSettings { step: 1, ..default }),
+            (
+                "shadows",
+                RenderSettings {
+                    shadows: true,
+                    sun: sun_direction(235.0, 25.0),
+                    ..default
+                },
+            ),
+            (
+                "shadows and occlusion",
+                RenderSettings {
+                    shadows: true,
+                    occlusion: true,
+                    ..default
+                },
+            ),
         ];
         for layout in [SampleLayout::Corner, SampleLayout::Centre] {
             let (world, cameras) = {
@@ -178,6 +194,14 @@ fn the_cpu_agrees_with_the_reference_about_samples_axes_and_blocks() {
         ("bias 2", RenderSettings { bias: 2.0, ..default }),
         ("half steps", RenderSettings { step: -1, ..default }),
         ("double steps", RenderSettings { step: 1, ..default }),
+        (
+            "shadows and occlusion",
+            RenderSettings {
+                shadows: true,
+                occlusion: true,
+                ..default
+            },
+        ),
     ];
     for (layout, filter) in [
         (SampleLayout::Centre, Filter::Axes),

@@ -46,6 +46,36 @@ fn lists_what_meets_the_frustum_and_prefetches_by_margin() {
 }
 
 #[test]
+fn what_throws_a_shadow_into_view_is_listed() {
+    let mut random = Random::new(29);
+    let mut builder = SceneGraph::builder();
+    quadtree(&mut random, &mut builder);
+    let scene = builder.finish();
+    let floor = scene.bounds().unwrap().min.z;
+    let (mut culler, mut shadowing) = (Culler::new(), 0);
+    for frame in 0..300u64 {
+        let camera = random_camera(&mut random, 15.0);
+        let up = 0.1 + 0.9 * random.unit();
+        let sun = dvec3(random.unit() - 0.5, random.unit() - 0.5, up).normalize();
+        culler.set_shadows(Some(sun));
+        let visible = culler.cull(&scene, &camera, frame).visible.clone();
+        for (tree, bounds) in scene.trees() {
+            // The shadow, cut into boxes.
+            let length = (bounds.max.z - floor) / sun.z;
+            let falls = (0..=32).any(|k| {
+                let fall = -sun * (length * f64::from(k) / 32.0);
+                let shadow = Aabb::new(bounds.min + fall, bounds.max + fall).unwrap();
+                box_meets_pyramid(&shadow, &camera)
+            });
+            let is_listed = visible.iter().any(|v| v.tree == tree);
+            assert!(is_listed || !falls, "{tree:?} is missing from frame {frame}");
+            shadowing += u32::from(falls && !box_meets_pyramid(&bounds, &camera));
+        }
+    }
+    assert!(shadowing > 100, "{shadowing} shadows from out of view");
+}
+
+#[test]
 fn stamps_are_those_of_visible_frames_only() {
     let mut builder = SceneGraph::builder();
     regular_grid(&mut builder);

@@ -8,6 +8,9 @@ use crate::frustum::{Containment, Frustum, PlaneMask};
 use crate::scene::{Node, NodeKind, SceneGraph, TreeId};
 use crate::sort::Item;
 
+/// Sine of the height of a sun below which shadows are no longer.
+const LOWEST_SUN: f64 = 0.02;
+
 /// What the way down through the scene needs to know.
 pub(super) struct Walk<'a> {
     pub(super) scene: &'a SceneGraph,
@@ -16,6 +19,8 @@ pub(super) struct Walk<'a> {
     pub(super) forward: DVec3,
     pub(super) cut: &'a Cut<'a>,
     pub(super) margin: f64,
+    /// Unit vector towards the sun whose shadows count, and the height down to which they fall.
+    pub(super) shadows: Option<(DVec3, f64)>,
     /// Width of the smallest thing to be seen, metres per metre of depth.
     pub(super) smallest: f64,
     pub(super) nearby: &'a mut Vec<u32>,
@@ -121,6 +126,19 @@ impl Walk<'_> {
         });
     }
 
+    /// The box that a node's shadow may reach from, the node's own if shadows do not count. That of a node inside of another one is
+    /// inside of the other's.
+    fn reach(&self, bounds: &Aabb) -> Aabb {
+        let Some((sun, floor)) = self.shadows else {
+            return *bounds;
+        };
+        let fall = -sun * ((bounds.max.z - floor).max(0.0) / sun.z.max(LOWEST_SUN));
+        Aabb {
+            min: bounds.min.min(bounds.min + fall),
+            max: bounds.max.max(bounds.max + fall),
+        }
+    }
+
     /// Appends the node if it is in view.
     pub(super) fn look_at(&mut self, index: u32, mask: PlaneMask, beyond: Option<f64>, out: &mut Vec<Item>) {
         let node = &self.scene.nodes()[index as usize];
@@ -130,7 +148,7 @@ impl Walk<'_> {
         let mask = if mask.is_empty() {
             mask
         } else {
-            match self.frustum.classify(&node.bounds, mask) {
+            match self.frustum.classify(&self.reach(&node.bounds), mask) {
                 Containment::Inside => PlaneMask::NONE,
                 Containment::Intersects(mask) => mask,
                 Containment::Outside => {

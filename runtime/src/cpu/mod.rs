@@ -17,6 +17,7 @@ mod source;
 #[cfg(test)]
 mod tests;
 
+use std::convert::Infallible;
 use std::time::Instant;
 
 use brickfell_formats::chunk::Layers;
@@ -28,7 +29,7 @@ use rayon::prelude::*;
 use crate::backend::{Cast, Drawn};
 use crate::caster::{Feedback, REQUEST_CAPACITY};
 use crate::error::RuntimeError;
-use crate::march::{Lens, Ray, Shading, Transport, View, Walk};
+use crate::march::{Cone, Lens, Lights, Ray, Shading, Transport, View, Walk};
 use crate::memory::PoolSizes;
 use crate::picture::{Picture, RayCounters};
 use crate::texture_pool::UploadBatch;
@@ -61,6 +62,9 @@ struct Frame<'a> {
     /// Screen coordinates of the columns and the rows that are drawn: as the camera gives them, to the bit, so that what is 0 stays so.
     screen: [Vec<f64>; 2],
     trees: Vec<(View, &'a Drawn)>,
+    lights: Option<Lights>,
+    /// The trees as seen by cones toward the sun and the sky.
+    light_views: [Vec<View>; 2],
 }
 
 impl CpuCaster {
@@ -130,16 +134,21 @@ impl CpuCaster {
             fade: cast.settings.fade(),
             segment: cast.settings.segment(),
         };
-        let view = |drawn: &Drawn| {
+        let view = |drawn: &Drawn, lens: &Lens| {
             let bounds = [drawn.bounds.min, drawn.bounds.max];
-            View::new(&drawn.header, bounds, drawn.least_level, &lens)
+            View::new(&drawn.header, bounds, drawn.least_level, lens)
         };
+        let views = |lens: &Lens| cast.drawn.iter().map(|d| view(d, lens)).collect::<Vec<_>>();
+        let lights = Lights::new(cast.settings, &lens);
+        let light_views = lights.map_or([None; 2], |l| *l.lenses());
         let frame = Frame {
             screen: [
                 (0..columns).map(|k| cast.raster.screen(camera, k, 0).x).collect(),
                 (0..rows).map(|k| cast.raster.screen(camera, 0, k).y).collect(),
             ],
-            trees: cast.drawn.iter().map(|d| (view(d), d)).collect(),
+            trees: views(&lens).into_iter().zip(cast.drawn).collect(),
+            light_views: light_views.map(|lens| lens.as_ref().map(views).unwrap_or_default()),
+            lights,
             shading: Shading::new(cast.settings),
             pools: &self.pools,
             cast,
@@ -203,14 +212,17 @@ impl pulp::WithSimd for Strip<'_> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) -> Self::Output {
-        self.frame.strip(self.strip, self.pixels)
+        match self.frame.lights {
+            None => self.frame.strip::<false>(self.strip, self.pixels),
+            Some(_) => self.frame.strip::<true>(self.strip, self.pixels),
+        }
     }
 }
 
 impl Frame<'_> {
     /// Casts the rays of a row of tiles.
     #[inline(always)]
-    fn strip(&self, strip: usize, pixels: &mut [[f32; 4]]) -> (RayCounters, Vec<Request>) {
+    fn strip<const LIT: bool>(&self, strip: usize, pixels: &mut [[f32; 4]]) -> (RayCounters, Vec<Request>) {
         let columns = self.screen[0].len();
         let mut counters = RayCounters::default();
         let mut nodes = Nodes::new(self.pools, self.cast.frame);
@@ -238,7 +250,8 @@ impl Frame<'_> {
             for (row, pixels) in pixels.chunks_exact_mut(columns).enumerate() {
                 for (column, pixel) in (first..last).zip(&mut pixels[first..last]) {
                     nodes.begin(may_ask);
-                    let (rgba, counts) = self.ray(direction(column, row), &beam, &mut starts, &mut nodes);
+                    let (rgba, counts) =
+                        self.ray::<LIT>(direction(column, row), &beam, &mut starts, &mut nodes);
                     *pixel = rgba;
                     counters = counters + counts;
                 }
@@ -248,17 +261,17 @@ impl Frame<'_> {
     }
 
     #[inline(always)]
-    fn ray(
+    fn ray<const LIT: bool>(
         &self,
         direction: DVec3,
         beam: &Beam,
         starts: &mut [Option<f64>],
         nodes: &mut Nodes<'_>,
     ) -> ([f32; 4], RayCounters) {
-        let ray = Ray::new(direction);
+        let ray = Ray::new(DVec3::ZERO, direction);
         let mut transport = Transport::default();
         for (k, (view, drawn)) in self.trees.iter().enumerate() {
-            let Some(mut passage) = view.passage(direction) else {
+            let Some(passage) = view.passage(&ray) else {
                 continue;
             };
             let start = *starts[k].get_or_insert_with(|| {
@@ -270,17 +283,47 @@ impl Frame<'_> {
                     step: self.lens.segment.0,
                 })
             });
-            passage.enter = passage.enter.max(start);
-            if passage.enter >= passage.leave {
+            let Some(passage) = passage.from(start) else {
                 continue;
-            }
+            };
             nodes.enter(k as u32, drawn.root, drawn.header.depth);
-            let walk = Walk::new(view, &self.lens, &self.shading, nodes, &ray, passage);
+            let walk = Walk::<_, _, LIT>::new(view, &self.lens, &self.shading, nodes, &ray, passage);
             let Ok(()) = walk.run(&mut transport);
             if transport.saturated() {
                 break;
             }
         }
-        transport.finish()
+        let mut kept = 1.0;
+        if let Some((lights, surface)) = self.lights.as_ref().filter(|_| LIT).zip(transport.surface()) {
+            let counters = &mut transport.counters;
+            let gathered = lights.kept(&surface, direction, |cone| {
+                let hidden = self.cone(lights, cone, nodes);
+                *counters = *counters + hidden.counters;
+                Ok::<_, Infallible>(hidden.transmittance())
+            });
+            let Ok(share) = gathered;
+            kept = share as f32;
+        }
+        transport.finish(kept)
+    }
+
+    /// What hides a light.
+    #[inline(always)]
+    fn cone(&self, lights: &Lights, cone: &Cone<f32>, nodes: &mut Nodes<'_>) -> Transport<f32> {
+        let mut transport = Transport::default();
+        let views = &self.light_views[cone.light];
+        for (k, (view, (_, drawn))) in views.iter().zip(&self.trees).enumerate() {
+            let passage = view.passage(&cone.ray).and_then(|p| p.from(cone.start));
+            let Some((passage, lens)) = passage.zip(lights.lenses()[cone.light].as_ref()) else {
+                continue;
+            };
+            nodes.enter(k as u32, drawn.root, drawn.header.depth);
+            let walk = Walk::<_, _, false>::new(view, lens, &self.shading, nodes, &cone.ray, passage);
+            let Ok(()) = walk.run(&mut transport);
+            if transport.saturated() {
+                break;
+            }
+        }
+        transport
     }
 }

@@ -10,14 +10,17 @@
 //! | `view` | a tree as a picture's rays see it; where a ray enters and leaves it |
 //! | `walk` | one ray through one tree, segment by segment |
 //! | `shade` | opacity, light, compositing |
+//! | `light` | rays toward the sun and the sky |
 //!
 //! Plain values: any thread.
 
+mod light;
 mod real;
 mod shade;
 mod view;
 mod walk;
 
+pub(crate) use light::{Cone, LIFT, Lights, SKY_MIDDLE, SKY_TILT, SKY_WIDTH};
 pub(crate) use shade::{Shading, Transport, Triple, Value};
 pub(crate) use view::{Lens, Passage, View};
 pub(crate) use walk::{ALL, Mask, Ray, Walk};

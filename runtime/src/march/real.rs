@@ -41,6 +41,8 @@ pub(crate) trait Real:
 
     /// The nearest number.
     fn of(x: f64) -> Self;
+    /// The number in f64.
+    fn wide(self) -> f64;
     /// A whole number, exact up to 2^24.
     fn whole(i: i32) -> Self;
     /// The largest whole number not above it, at the ends of i32 where that is beyond them.
@@ -79,6 +81,10 @@ impl Real for f64 {
         x
     }
 
+    fn wide(self) -> f64 {
+        self
+    }
+
     fn whole(i: i32) -> Self {
         f64::from(i)
     }
@@ -115,6 +121,11 @@ impl Real for f32 {
     #[inline(always)]
     fn of(x: f64) -> Self {
         x as f32
+    }
+
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        f64::from(self)
     }
 
     #[inline(always)]

@@ -6,6 +6,9 @@
 use brickfell_formats::octree::{MAX_DEPTH, TreeHeader};
 use glam::DVec3;
 
+use super::real::Real;
+use super::walk::Ray;
+
 /// What the rays of a picture have in common besides the light.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lens {
@@ -51,6 +54,15 @@ pub(crate) struct Passage {
     pub(crate) enter: f64,
     /// Depth at which it leaves.
     pub(crate) leave: f64,
+}
+
+impl Passage {
+    /// What of it lies behind a depth, `None` if nothing does.
+    #[inline(always)]
+    pub(crate) fn from(self, depth: f64) -> Option<Self> {
+        let enter = self.enter.max(depth);
+        (enter < self.leave).then_some(Self { enter, ..self })
+    }
 }
 
 impl View {
@@ -114,15 +126,24 @@ impl View {
         fades.map_or(0.0, |z| (z - segment).max(0.0))
     }
 
+    /// Where a ray starts and what a metre of depth adds, in finest voxels: there all trees of a lattice have the same planes whatever
+    /// their origins' rounding.
+    #[inline(always)]
+    pub(super) fn line<T: Real>(&self, ray: &Ray<T>) -> (DVec3, DVec3) {
+        (
+            self.eye + ray.from * self.per_metre,
+            ray.direction * self.per_metre,
+        )
+    }
+
     /// The passage of a ray through what is drawn of the tree, `None` if it has no length.
     #[inline(always)]
-    pub(crate) fn passage(&self, direction: DVec3) -> Option<Passage> {
-        // In voxels, where all trees of a lattice have the same planes whatever their origins' rounding.
-        let direction = direction * self.per_metre;
+    pub(crate) fn passage<T: Real>(&self, ray: &Ray<T>) -> Option<Passage> {
+        let (eye, direction) = self.line(ray);
         let (mut enter, mut leave) = (0f64, f64::INFINITY);
         for axis in 0..3 {
             let [low, high] = self.drawn.map(|p| f64::from(p[axis]));
-            let (p, d) = (self.eye[axis], direction[axis]);
+            let (p, d) = (eye[axis], direction[axis]);
             if d == 0.0 {
                 if !(low <= p && p < high) {
                     return None;

@@ -16,21 +16,23 @@ use super::shade::{Layer, Shading, Transport, Triple, Value, mix};
 use super::view::{Lens, Passage, View};
 use super::{Brick, Cell, Place, Shown, Source};
 
-/// A ray: `eye + z * direction`, where z is depth along the camera's axis in metres.
+/// A ray: `eye + from + z * direction`, where z is depth in metres: for rays of the camera, whose `from` is zero, along its axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ray<T> {
-    direction: DVec3,
+    pub(super) from: DVec3,
+    pub(super) direction: DVec3,
     length: f64,
     /// The direction with a length of 1.
     unit: Triple<T>,
 }
 
 impl<T: Real> Ray<T> {
-    /// A ray along a direction, world metres per metre of depth.
+    /// A ray from a point (world metres from the eye) along a direction, world metres per metre of depth.
     #[inline(always)]
-    pub(crate) fn new(direction: DVec3) -> Self {
+    pub(crate) fn new(from: DVec3, direction: DVec3) -> Self {
         let length = direction.length();
         Self {
+            from,
             direction,
             length,
             unit: (direction / length).to_array().map(T::of),
@@ -38,8 +40,8 @@ impl<T: Real> Ray<T> {
     }
 }
 
-/// One ray in one tree.
-pub(crate) struct Walk<'a, T, S> {
+/// One ray in one tree. With `LIT` the ray notes the surface that it sees, for lights that others may hide.
+pub(crate) struct Walk<'a, T, S, const LIT: bool> {
     view: &'a View,
     lens: &'a Lens,
     shading: &'a Shading<T>,
@@ -79,7 +81,7 @@ struct Cube {
     side: i32,
 }
 
-impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
+impl<'a, T: Real, S: Source<T>, const LIT: bool> Walk<'a, T, S, LIT> {
     /// A ray at the start of its passage.
     #[inline(always)]
     pub(crate) fn new(
@@ -90,10 +92,10 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
         ray: &Ray<T>,
         passage: Passage,
     ) -> Self {
-        let direction = ray.direction * view.per_metre;
-        let at = view.eye + direction * passage.enter;
+        let (eye, direction) = view.line(ray);
+        let at = eye + direction * passage.enter;
         let start = if T::IS_SHORT { passage.enter } else { 0.0 };
-        let from = view.eye + direction * start;
+        let from = eye + direction * start;
         let (mut cell, mut anchor, mut origin) = ([0; 3], [0; 3], [T::ZERO; 3]);
         let (mut upwards, mut inverse) = ([1; 3], [T::INFINITY; 3]);
         for k in 0..3 {
@@ -290,6 +292,16 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
             .layer(value, self.gain, dz * self.path * scale, &self.unit)
     }
 
+    /// Adds a layer that is `dz` metres deep from a depth on.
+    #[inline(always)]
+    fn add(&self, layer: Layer<T>, z: T, dz: T, transport: &mut Transport<T>) {
+        if LIT {
+            let z = self.start + z.wide();
+            transport.note(&layer, z, dz.wide(), 1.0 / self.view.per_metre);
+        }
+        transport.under(layer.rgba);
+    }
+
     /// Adds a box of one value, and moves on to where it ends.
     #[inline(always)]
     fn closed(
@@ -305,7 +317,8 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
         let end = exit.min(until).min(self.leave).max(self.z);
         if value[3] != 0 && end > self.z {
             let scale = T::ONE / T::whole(1 << self.shift(place.level));
-            transport.under(self.layer(&Value::constant(value), scale, end - self.z));
+            let layer = self.layer(&Value::constant(value), scale, end - self.z);
+            self.add(layer, self.z, end - self.z, transport);
         }
         self.z = end;
         self.cell = [0, 1, 2].map(|k| {
@@ -415,7 +428,7 @@ impl<'a, T: Real, S: Source<T>> Walk<'a, T, S> {
                 layer = mix(&coarse, &layer, weight);
             }
             transport.counters.samples += u64::from(transport.counters.texture_reads > reads_before);
-            transport.under(layer);
+            self.add(layer, z - dz * T::HALF, dz, transport);
             if transport.saturated() {
                 return;
             }

@@ -24,6 +24,8 @@ mod tests_files;
 #[cfg(test)]
 mod tests_levels;
 #[cfg(test)]
+mod tests_lights;
+#[cfg(test)]
 mod tests_rays;
 #[cfg(test)]
 mod tests_values;
@@ -39,7 +41,7 @@ use brickfell_pager::store::Store;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::march::{Lens, Passage, Ray, Shading, Transport, View, Walk};
+use crate::march::{Lens, Lights, Passage, Ray, Shading, Transport, View, Walk};
 use crate::picture::{Picture, RayCounters};
 use crate::settings::RenderSettings;
 use cut::{Group, Numbers};
@@ -194,6 +196,9 @@ struct Scene<'a> {
     trees: Vec<(&'a Tree, View)>,
     lens: Lens,
     shading: Shading<f64>,
+    lights: Option<Lights>,
+    /// The trees as seen by cones toward the sun and the sky.
+    light_views: [Vec<View>; 2],
 }
 
 impl<'a> Scene<'a> {
@@ -216,14 +221,26 @@ impl<'a> Scene<'a> {
     fn through(reference: &'a Reference, forward: DVec3, lens: Lens, settings: &RenderSettings) -> Self {
         let mut cut = Vec::new();
         (reference.root).cut(&reference.trees, lens.eye, forward, lens.footprint, &mut cut);
-        let trees = cut.into_iter().map(|(k, least_level)| {
-            let tree = &reference.trees[k];
-            (tree, View::new(&tree.header, tree.bounds, least_level, &lens))
-        });
+        let views = |lens: &Lens| {
+            cut.iter()
+                .map(|(k, least_level)| {
+                    let tree = &reference.trees[*k];
+                    View::new(&tree.header, tree.bounds, *least_level, lens)
+                })
+                .collect::<Vec<_>>()
+        };
+        let lights = Lights::new(settings, &lens);
+        let light_views = lights.map_or([None; 2], |l| *l.lenses());
         Self {
-            trees: trees.collect(),
+            trees: cut
+                .iter()
+                .map(|(k, _)| &reference.trees[*k])
+                .zip(views(&lens))
+                .collect(),
+            light_views: light_views.map(|lens| lens.as_ref().map(views).unwrap_or_default()),
             lens,
             shading: Shading::new(settings),
+            lights,
         }
     }
 
@@ -234,30 +251,54 @@ impl<'a> Scene<'a> {
         passages: &mut Vec<(Passage, usize)>,
         counters: &mut RayCounters,
     ) -> Result<[f64; 4], ReferenceError> {
+        let views = |k: usize| &self.trees[k].1;
+        let ray = Ray::new(DVec3::ZERO, direction);
+        let mut transport = match self.lights {
+            None => self.gather::<false>(&ray, &self.lens, views, 0.0, passages)?,
+            Some(_) => self.gather::<true>(&ray, &self.lens, views, 0.0, passages)?,
+        };
+        let mut kept = 1.0;
+        if let Some((lights, surface)) = self.lights.as_ref().zip(transport.surface()) {
+            kept = lights.kept(&surface, direction, |cone| {
+                let views = |k: usize| &self.light_views[cone.light][k];
+                let Some(lens) = &lights.lenses()[cone.light] else {
+                    return Ok(1.0);
+                };
+                let hidden = self.gather::<false>(&cone.ray, lens, views, cone.start, passages)?;
+                transport.counters = transport.counters + hidden.counters;
+                Ok(hidden.transmittance())
+            })?;
+        }
+        let (rgba, counts) = transport.finish(kept);
+        *counters = *counters + counts;
+        Ok(rgba)
+    }
+
+    /// What a ray gathers from a depth on.
+    fn gather<'v, const LIT: bool>(
+        &self,
+        ray: &Ray<f64>,
+        lens: &Lens,
+        views: impl Fn(usize) -> &'v View,
+        start: f64,
+        passages: &mut Vec<(Passage, usize)>,
+    ) -> Result<Transport<f64>, ReferenceError> {
         passages.clear();
-        let entered =
-            (self.trees.iter().enumerate()).filter_map(|(k, (_, view))| Some((view.passage(direction)?, k)));
+        let entered = (0..self.trees.len()).filter_map(|k| {
+            let passage = views(k).passage(ray)?.from(start)?;
+            Some((passage, k))
+        });
         passages.extend(entered);
         passages.sort_by(|(a, _), (b, _)| a.enter.total_cmp(&b.enter).then(a.leave.total_cmp(&b.leave)));
-        let ray = Ray::new(direction);
         let mut transport = Transport::default();
         for (passage, k) in passages.iter() {
-            let (tree, view) = &self.trees[*k];
-            Walk::new(
-                view,
-                &self.lens,
-                &self.shading,
-                &mut FromRoot(tree),
-                &ray,
-                *passage,
-            )
-            .run(&mut transport)?;
+            let nodes = &mut FromRoot(self.trees[*k].0);
+            Walk::<_, _, LIT>::new(views(*k), lens, &self.shading, nodes, ray, *passage)
+                .run(&mut transport)?;
             if transport.saturated() {
                 break;
             }
         }
-        let (rgba, counts) = transport.finish();
-        *counters = *counters + counts;
-        Ok(rgba)
+        Ok(transport)
     }
 }

@@ -297,8 +297,9 @@ fn a_ray_that_needs_more_segments_than_its_cap_is_counted() {
     let (tree, view) = &scene.trees[0];
     let capped = |cap: Option<u64>| {
         let mut nodes = FromRoot(tree);
-        let (ray, passage) = (Ray::new(direction), view.passage(direction).unwrap());
-        let mut walk = Walk::new(view, &scene.lens, &scene.shading, &mut nodes, &ray, passage);
+        let ray = Ray::new(DVec3::ZERO, direction);
+        let passage = view.passage(&ray).unwrap();
+        let mut walk = Walk::<_, _, false>::new(view, &scene.lens, &scene.shading, &mut nodes, &ray, passage);
         walk.cap = cap.unwrap_or(walk.cap);
         let mut transport = Transport::default();
         walk.run(&mut transport).unwrap();

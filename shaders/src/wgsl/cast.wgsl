@@ -30,6 +30,31 @@ const MAX_REQUESTS: u32 = 16u;
 const FAR: f32 = 1e30;
 const SATURATED: f32 = 1.0 / 1024.0;
 
+// Cones toward the sun, 1 or none, and toward the sky, 6 or none, that begin where a pixel's ray has lost half of its light, to find
+// what hides these lights (runtime/src/march/light.rs has the rules).
+override SUN_CONES: u32 = 0u;
+override SKY_CONES: u32 = 0u;
+
+// What the rays of a pixel have in common: screen coordinates, and the direction, world metres per metre of depth.
+var<private> screen: vec2<f32>;
+var<private> sight: vec3<f32>;
+// The ray: for a cone, where it begins beside the place in sight at `depth`, and what its depth is there.
+var<private> is_cone: bool;
+var<private> depth: f32;
+var<private> lift: vec3<f32>;
+var<private> cone_start: f32;
+// Direction per unit of its depth, and its width.
+var<private> direction: vec3<f32>;
+var<private> width: f32;
+
+// The surface that a pixel's ray sees, if there are cones: sums over what is lit, and of depths, by what each adds to the opacity, the
+// depth where half of the light is lost (below 0 until it is), and the finest voxel there.
+var<private> facing: vec3<f32>;
+var<private> lit: vec2<f32>;
+var<private> mean_depth: f32;
+var<private> half_depth: f32;
+var<private> finest: f32;
+
 // A ray's state across trees.
 // Its direction, of length 1.
 var<private> heading: vec3<f32>;
@@ -45,6 +70,24 @@ var<private> capped: bool;
 struct Light {
     rgb: vec3<f32>,
     a: f32,
+    // The unit normal times what is lit; opacity of what is lit, and that times the cosine between normal and sun.
+    facing: vec3<f32>,
+    lit: vec2<f32>,
+}
+
+// Notes what light that is about to be added, `dz` metres from depth `z` on, has of the surface that is seen.
+fn note(light: Light, z: f32, dz: f32, voxel: f32) {
+    facing += transmittance * light.facing;
+    lit += transmittance * light.lit;
+    if (half_depth >= 0.0) {
+        return;
+    }
+    finest = voxel;
+    mean_depth += transmittance * light.a * (z + 0.5 * dz);
+    let after = transmittance * (1.0 - light.a);
+    if (after <= 0.5) {
+        half_depth = z + dz * log2(2.0 * transmittance) / log2(transmittance / max(after, 1e-30));
+    }
 }
 
 fn composite(light: Light) {
@@ -89,7 +132,7 @@ fn convert(word: vec2<u32>, local: vec3<f32>, texel_offset: f32, gain: f32, s: f
         }
     }
     if (stored.a <= 0.0) {
-        return Light(vec3(0.0), 0.0);
+        return Light(vec3(0.0), 0.0, vec3(0.0), vec2(0.0));
     }
     let opacity = min(1.0, gain * stored.a);
     var a: f32;
@@ -98,7 +141,8 @@ fn convert(word: vec2<u32>, local: vec3<f32>, texel_offset: f32, gain: f32, s: f
     } else {
         a = path_opacity(opacity, s);
     }
-    return Light(stored.rgb * (a / stored.a * sun_light(normal, opacity)), a);
+    let share = lit_share(normal, opacity);
+    return Light(stored.rgb * (a / stored.a * light_of(share)), a, normal * (a * share.x / max(length(normal), 1e-6)), a * share);
 }
 
 // The node shows something of its own: a constant, or a brick that is resident.
@@ -167,9 +211,16 @@ fn ask(tree_index: u32, level: u32, cell: vec3<i32>, shift: u32) {
     }
 }
 
-fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: f32) {
+fn march(tree_index: u32, path_length: f32) {
     let tree = trees[tree_index];
-    let origin = tree.base + screen.x * tree.base_x + screen.y * tree.base_y;
+    var origin = tree.base + screen.x * tree.base_x + screen.y * tree.base_y;
+    var depth0 = tree.depth0;
+    var first = -depth0;
+    if (is_cone) {
+        origin += (sight * (depth - depth0) + lift) * tree.inv_voxel;
+        depth0 = cone_start;
+        first = 0.0;
+    }
     let d = direction * tree.inv_voxel;
     let parallel = d == vec3(0.0);
     let positive = d > vec3(0.0);
@@ -186,7 +237,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     let t_in = select(min(t_low, t_high), vec3(-FAR), parallel);
     let t_out = select(max(t_low, t_high), vec3(FAR), parallel);
     let enter = max(max(t_in.x, t_in.y), t_in.z);
-    var t = max(enter, -tree.depth0);
+    var t = max(enter, first);
     let leave = min(min(t_out.x, t_out.y), t_out.z);
     if (!(t < leave)) {
         return;
@@ -213,7 +264,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     var fine = 0u;          // level wanted where the segment begins, and its share
     var weight = 1.0;
     let deepest = f32(tree.depth);
-    let log2_footprint = tree.log2_root_voxel - log2(frame.footprint);
+    let log2_footprint = tree.log2_root_voxel - log2(width);
 
     // The segment in hand; at first one without length, from which the ray goes on to where it is.
     var t_next = t;
@@ -258,7 +309,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
 
             // The wanted level where a segment begins, fractional, and the two levels around it.
             if (parts == frame.segment_samples) {
-                let lambda = clamp(log2_footprint - log2(max(tree.depth0 + t, 1e-30)), tree.least_level, deepest);
+                let lambda = clamp(log2_footprint - log2(max(depth0 + t, 1e-30)), tree.least_level, deepest);
                 let coarser = floor(lambda);
                 weight = clamp((lambda - coarser - 0.5) / max(frame.fade, 1e-6) + 0.5, 0.0, 1.0);
                 fine = u32(coarser) + u32(weight > 0.0);
@@ -308,7 +359,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
                 }
                 // Just past that depth, so that rounding cannot bring the same pair back.
                 let change = exp2(log2_footprint - f32(level) + 0.5 + select(0.5, -0.5, alone) * frame.fade);
-                t_change = change * 1.000004 - tree.depth0;
+                t_change = change * 1.000004 - depth0;
             }
 
             // The box of the segment, in finest voxels: one voxel of the node's level (2^segment_shift of them), or where the
@@ -403,11 +454,13 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         var s = (t_next - t) * path_length * tree.inv_voxel * exp2(-f32(voxel_shift));
         var drawn = word;
         var share = select(weight, 1.0, alone || closed);
-        var light = Light(vec3(0.0), 0.0);
+        var light = Light(vec3(0.0), 0.0, vec3(0.0), vec2(0.0));
         for (var k = 0u; k < 2u; k++) {
             let one = convert(drawn, local, tree.texel_offset, tree.gain, s);
             light.rgb += share * one.rgb;
             light.a += share * one.a;
+            light.facing += share * one.facing;
+            light.lit += share * one.lit;
             if (alone || closed) {
                 break;
             }
@@ -418,6 +471,9 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
         }
         samples += u32(texture_reads != reads);
         if (light.a > 0.0) {
+            if (SUN_CONES + SKY_CONES > 0u && !is_cone) {
+                note(light, depth0 + t, t_next - t, 1.0 / tree.inv_voxel);
+            }
             composite(light);
         }
         if (transmittance == 0.0) {
@@ -426,39 +482,91 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     }
 }
 
+// Begins a cone from the surface that a pixel of opacity `a` sees; returns the share of the pixel's light that comes along it.
+fn begin_cone(index: u32, a: f32) -> f32 {
+    let n = normalize(facing);
+    depth = select(mean_depth / a, half_depth, half_depth >= 0.0);
+    let size = max(frame.footprint * depth, finest);
+    let sun = lit.y * frame.diffuse / a;
+    let sky = lit.x * frame.sun.w / a;
+    let all = 1.0 - lit.x / a + sky + sun;
+    is_cone = true;
+    direction = n;
+    width = frame.cones.y;
+    var share = sky * frame.sky_middle;
+    if (index < SUN_CONES) {
+        direction = frame.sun.xyz;
+        width = frame.cones.x;
+        share = sun;
+    } else if (index > SUN_CONES) {
+        // Axes that turn with the normal wherever it turns, but for straight down.
+        let f = 1.0 / max(1.0 + n.z, 1e-3);
+        let b = n.x * n.y * f;
+        let angle = f32(index - SUN_CONES - 1u) * 1.2566371;
+        let side = cos(angle) * vec3(1.0 - n.x * n.x * f, -b, -n.x) + sin(angle) * vec3(-b, 1.0 - n.y * n.y * f, -n.y);
+        direction = normalize(n * frame.cones.w + side * sqrt(1.0 - frame.cones.w * frame.cones.w));
+        share = sky * (1.0 - frame.sky_middle) / 5.0;
+    }
+    lift = n * (frame.cones.z * size);
+    cone_start = size / width;
+    return share / all;
+}
+
 @compute @workgroup_size(8, 8)
 fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     if (any(id.xy >= frame.size)) {
         return;
     }
-    rgb = vec3(0.0);
-    transmittance = 1.0;
-    let screen = frame.screen_origin + frame.screen_step * vec2<f32>(id.xy);
-    let direction = frame.forward.xyz + screen.x * frame.right.xyz + screen.y * frame.up.xyz;
-    let path_length = length(direction);
-    heading = direction / path_length;
+    screen = frame.screen_origin + frame.screen_step * vec2<f32>(id.xy);
+    sight = frame.forward.xyz + screen.x * frame.right.xyz + screen.y * frame.up.xyz;
     // Which tiles may ask goes round, so that a full list does not starve the same ones for ever.
     let tile = id.x / 8u + id.y / 8u * 61u;
     requests_left = select(0u, MAX_REQUESTS, (tile + frame.frame) % frame.request_share == 0u);
     // The trees that rays of its tile may meet, or all where there are more than a list holds.
     let list = (id.y / 8u * ((frame.size.x + 7u) / 8u) + id.x / 8u) * LIST_WORDS;
-    var count = frame.tree_count;
-    var listed = false;
-    if (frame.lists != 0u && lists[list] < LIST_WORDS) {
-        count = lists[list];
-        listed = true;
-    }
-    for (var i = 0u; i < count; i++) {
-        var tree = i;
+    let is_listed = frame.lists != 0u && lists[list] < LIST_WORDS;
+    half_depth = -1.0;
+    var color = vec4(0.0);
+    var kept = 1.0;
+    for (var k = 0u; k <= SUN_CONES + SKY_CONES; k++) {
+        direction = sight;
+        width = frame.footprint;
+        var share = 0.0;
+        if (k > 0u) {
+            share = begin_cone(k - 1u, color.a);
+            if (share <= 0.0) {
+                continue;
+            }
+        }
+        let path_length = length(direction);
+        heading = direction / path_length;
+        rgb = vec3(0.0);
+        transmittance = 1.0;
+        let listed = is_listed && k == 0u;
+        var count = frame.tree_count;
         if (listed) {
-            tree = lists[list + 1u + i];
+            count = lists[list];
         }
-        march(tree, screen, direction, path_length);
-        if (transmittance == 0.0) {
-            break;
+        for (var i = 0u; i < count; i++) {
+            var tree = i;
+            if (listed) {
+                tree = lists[list + 1u + i];
+            }
+            march(tree, path_length);
+            if (transmittance == 0.0) {
+                break;
+            }
+        }
+        if (k == 0u) {
+            color = vec4(rgb, 1.0 - transmittance);
+            if (dot(facing, facing) < 1e-12) {
+                break;
+            }
+        } else {
+            kept -= share * (1.0 - transmittance);
         }
     }
-    var color = vec4(rgb, 1.0 - transmittance);
+    color = vec4(color.rgb * kept, color.a);
     var flags = select(0u, FLAG_HIT, color.a > 0.0) | select(0u, FLAG_CAPPED, capped);
     // Not-a-number is not below anything.
     if (!all(abs(color) < vec4(1e6))) {

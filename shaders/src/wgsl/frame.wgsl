@@ -40,12 +40,16 @@ struct Frame {
     segment_samples: u32,
     // 1: tiles of pixels have lists of the trees that their rays may meet.
     lists: u32,
-    pad0: u32,
+    // Share of the sky in the cone along the normal.
+    sky_middle: f32,
     // Texels of a brick slot per axis; w unused.
     slot: vec4<u32>,
     // In blocks a normal is normal_scale times what the pool has, plus normal_zero; w unused.
     normal_scale: vec4<f32>,
     normal_zero: vec4<f32>,
+    // Cones: width per metre toward the sun and the sky, how many widths above the surface they begin, and the cosine between the normal
+    // and those of the sky's that are not along it.
+    cones: vec4<f32>,
 }
 
 struct Tree {

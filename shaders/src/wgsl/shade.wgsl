@@ -37,12 +37,18 @@ fn path_opacity_axes(a: vec3<f32>, direction: vec3<f32>, s: f32, n: vec3<f32>, o
     return opacity_of(s * sqrt(mix(dot(along, along), facing * facing, flat)));
 }
 
-// Light on a sample with premultiplied mean normal `n` and opacity `a`: unlit where there is no normal.
-fn sun_light(n: vec3<f32>, a: f32) -> f32 {
+// How much is lit of a sample with premultiplied mean normal `n` and opacity `a`, and that times the cosine between normal and sun:
+// nothing where there is no normal.
+fn lit_share(n: vec3<f32>, a: f32) -> vec2<f32> {
     let len = length(n);
     if (len < 1e-6) {
-        return 1.0;
+        return vec2(0.0);
     }
-    let lit = frame.sun.w + frame.diffuse * max(0.0, dot(n, frame.sun.xyz) / len);
-    return mix(1.0, lit, clamp(8.0 * len / max(a, 1e-6), 0.0, 1.0));
+    let share = clamp(8.0 * len / max(a, 1e-6), 0.0, 1.0);
+    return vec2(share, share * max(0.0, dot(n, frame.sun.xyz) / len));
+}
+
+// What is seen of the albedo.
+fn light_of(lit: vec2<f32>) -> f32 {
+    return 1.0 + lit.x * (frame.sun.w - 1.0) + lit.y * frame.diffuse;
 }

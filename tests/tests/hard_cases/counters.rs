@@ -47,7 +47,7 @@ fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
     let sizes = PoolSizes::fit(1 << 20, Centre, Layers::Plain, false, &gpu.device.limits()).unwrap();
     let mut memory = PoolMemory::new(&gpu, sizes).unwrap();
     let mut caster = Caster::new(&gpu, &memory).unwrap();
-    caster.resize(&gpu, &memory, 8, 8).unwrap();
+    caster.prepare(&gpu, &memory, [8, 8], [false, false]).unwrap();
     let frame = layout::Frame {
         size: [8, 8],
         tree_count: 1,

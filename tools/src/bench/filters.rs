@@ -4,7 +4,7 @@
 //! 1, 2, 4 and 16 finest voxels wide; the truth draws the input with 64 rays a pixel and more. Pictures end where the scene
 //! does, so they have fewer pixels from farther away, and errors are over all views of a distance.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -37,9 +37,10 @@ const MOST_PIXELS: f64 = 240.0;
 const DISTANCE: f64 = 8.0;
 
 /// A database and what it takes.
-struct Built {
+pub(super) struct Built {
+    pub(super) folder: PathBuf,
     reference: Reference,
-    boxes: Vec<[DVec3; 2]>,
+    pub(super) boxes: Vec<[DVec3; 2]>,
     seconds: f64,
     bytes: u64,
     bricks: u64,
@@ -47,7 +48,8 @@ struct Built {
     pool_bytes: u64,
 }
 
-fn build_scene(folder: &Path, scene: &FilterScene, filter: Filter) -> Result<Built, CommandError> {
+/// Builds a scene with a filter, or finds it built.
+pub(super) fn build_scene(folder: &Path, scene: &FilterScene, filter: Filter) -> Result<Built, CommandError> {
     let name = scene.name.replace(' ', "-");
     let mut args = BuildArgs::new(folder.join(format!("filters-{name}-{}", filter.name())));
     args.inputs = scene.meshes.clone();
@@ -76,6 +78,7 @@ fn build_scene(folder: &Path, scene: &FilterScene, filter: Filter) -> Result<Bui
     }
     let sample_bytes = terrain.layers.sample_bytes() as u64;
     Ok(Built {
+        folder: args.out,
         reference: Reference::open(store, &terrain.scene)?,
         boxes,
         seconds,

@@ -11,6 +11,7 @@ pub mod culler;
 pub mod effort;
 mod filter_scenes;
 pub mod filters;
+pub mod lights;
 pub mod pager;
 mod scenes;
 pub mod trees;
@@ -113,6 +114,12 @@ pub const SUITES: &[Suite] = &[
         about: "error and memory of the builder's filters, against the truth",
         draws: false,
         run: filters::rows,
+    },
+    Suite {
+        name: "lights",
+        about: "price and error of shadows and of ambient occlusion",
+        draws: true,
+        run: lights::rows,
     },
     Suite {
         name: "pager",

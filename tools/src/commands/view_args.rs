@@ -41,6 +41,12 @@ pub struct ViewArgs {
     /// Sun as azimuth (clockwise from north) and elevation, degrees
     #[arg(long, value_name = "AZ,EL", default_value = "135,45", value_parser = parse_sun, allow_hyphen_values = true)]
     pub sun: (f64, f64),
+    /// Surfaces hide the sun from each other
+    #[arg(long)]
+    pub shadows: bool,
+    /// Surfaces hide the sky, where the ambient light comes from, from each other
+    #[arg(long)]
+    pub occlusion: bool,
 }
 
 impl ViewArgs {
@@ -49,6 +55,8 @@ impl ViewArgs {
         RenderSettings {
             bias: self.bias,
             sun: sun_direction(self.sun.0, self.sun.1),
+            shadows: self.shadows,
+            occlusion: self.occlusion,
             ..RenderSettings::default()
         }
     }

@@ -9,7 +9,8 @@
 //! - Ground is the bilinear surface of its samples, and all below it is solid down to a [`Bottom`]. Where the data or the
 //!   valid samples end there are vertical walls. Any point of the solid, seen from outside or from within, shows colour
 //!   and normal of the ground above it.
-//! - Light is that of the renderers: `ambient + diffuse · max(0, n · sun)`, with the mesh's normal, not turned to the ray.
+//! - Light is that of the renderers: `ambient + diffuse · max(0, n · sun)`, with the mesh's normal, not turned to the ray. Where the
+//!   settings ask for it, a ray to a random point of the sun and some to random points of the sky, by cosine, say how much is hidden.
 //! - A pixel is the mean over its square (box filter) of jittered rays, one in each of n × n equal parts.
 //!
 //! | module | what |
@@ -31,7 +32,7 @@ mod triangle;
 
 use brickfell_culler::Camera;
 use brickfell_runtime::picture::Picture;
-use brickfell_runtime::settings::RenderSettings;
+use brickfell_runtime::settings::{RenderSettings, SUN_WIDTH};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -45,6 +46,9 @@ use triangle::Shear;
 
 /// A ray with less light left than this ends.
 const DARK: f64 = 1e-6;
+
+/// Rays toward the sky from each hit.
+const SKY_RAYS: u32 = 4;
 
 /// Most rays of a pixel along each axis; more are not cast.
 const MAX_RAYS_PER_AXIS: u32 = 1024;
@@ -147,7 +151,7 @@ impl<'a> Truth<'a> {
                         let [x, y] =
                             part.map(|p| (f64::from(p) + random.unit()) / f64::from(rays_per_axis) - 0.5);
                         let d = camera.ray(column as f64 + x, row as f64 + y);
-                        let rgba = self.cast(camera.eye, d, settings)?;
+                        let rgba = self.cast(camera.eye, d, settings, &mut random)?;
                         (0..4).for_each(|c| sum[c] += rgba[c]);
                     }
                     *pixel = sum.map(|c| (c / f64::from(rays_per_axis.pow(2))) as f32);
@@ -170,7 +174,13 @@ impl<'a> Truth<'a> {
     }
 
     /// Premultiplied linear light and opacity along one ray.
-    fn cast(&self, eye: DVec3, d: DVec3, settings: &RenderSettings) -> Result<[f64; 4], InputError> {
+    fn cast(
+        &self,
+        eye: DVec3,
+        d: DVec3,
+        settings: &RenderSettings,
+        random: &mut Random,
+    ) -> Result<[f64; 4], InputError> {
         let mut sum = [0.0; 4];
         let mut left = 1.0;
         let mut after = None;
@@ -181,7 +191,22 @@ impl<'a> Truth<'a> {
             let light = if normal == Vec3::ZERO {
                 1.0
             } else {
-                settings.ambient + settings.diffuse * normal.as_dvec3().dot(settings.sun).max(0.0)
+                let normal = normal.as_dvec3();
+                let (mut sky, mut sun) = (1.0, normal.dot(settings.sun).max(0.0));
+                // So far from the surface that rounding cannot put it in front of itself.
+                let from = |toward: DVec3| eye + d * hit.depth + toward * (1e-5 + 1e-6 * hit.depth);
+                if settings.shadows && sun > 0.0 {
+                    let toward = (settings.sun + 0.5 * SUN_WIDTH * in_disc(random, settings.sun)).normalize();
+                    sun *= self.light_through(from(toward), toward)?;
+                }
+                if settings.occlusion {
+                    sky = 0.0;
+                    for _ in 0..SKY_RAYS {
+                        let toward = (normal + on_sphere(random)).normalize_or(normal);
+                        sky += self.light_through(from(toward), toward)? / f64::from(SKY_RAYS);
+                    }
+                }
+                settings.ambient * sky + settings.diffuse * sun
             };
             let alpha = f64::from(alpha).min(1.0);
             (0..3).for_each(|c| sum[c] += left * alpha * light * f64::from(rgb[c]));
@@ -190,6 +215,19 @@ impl<'a> Truth<'a> {
             after = Some((hit.depth, hit.number));
         }
         Ok(sum)
+    }
+
+    /// What light comes from a direction.
+    fn light_through(&self, from: DVec3, toward: DVec3) -> Result<f64, InputError> {
+        let mut left = 1.0;
+        let mut after = None;
+        while left > DARK
+            && let Some(hit) = self.next_hit(from, toward, after)?
+        {
+            left *= 1.0 - f64::from(hit.look.alpha).min(1.0);
+            after = Some((hit.depth, hit.number));
+        }
+        Ok(if left > DARK { left } else { 0.0 })
     }
 
     /// The first hit behind another one, in order of depth and number.
@@ -238,4 +276,18 @@ impl<'a> Truth<'a> {
         let triangle = self.meshes[mesh].triangles.get(number - self.first[mesh])?;
         Some((&self.meshes[mesh], triangle))
     }
+}
+
+/// A random point of the unit sphere.
+fn on_sphere(random: &mut Random) -> DVec3 {
+    let z = random.between(-1.0, 1.0);
+    let (sin, cos) = random.between(0.0, std::f64::consts::TAU).sin_cos();
+    DVec3::new(cos, sin, 0.0) * (1.0 - z * z).max(0.0).sqrt() + DVec3::Z * z
+}
+
+/// A random point of a disc of radius 1 around the origin, across an axis.
+fn in_disc(random: &mut Random, axis: DVec3) -> DVec3 {
+    let (u, v) = axis.any_orthonormal_pair();
+    let (sin, cos) = random.between(0.0, std::f64::consts::TAU).sin_cos();
+    (u * cos + v * sin) * random.unit().sqrt()
 }

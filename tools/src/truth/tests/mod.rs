@@ -63,6 +63,45 @@ fn mesh(triangles: &[[DVec3; 3]], material: Material) -> Mesh {
     }
 }
 
+#[test]
+fn a_roof_hides_the_sun_and_its_part_of_the_sky() {
+    let white = || material([1.0, 1.0, 1.0, 1.0], None);
+    let ground = mesh(&square(-50.0, -50.0, 50.0, 50.0, 0.0), white());
+    let half = material([1.0, 1.0, 1.0, 0.5], None);
+    let roof = mesh(&square(-50.0, 0.0, 50.0, 50.0, 1.0), white());
+    let pane = mesh(&square(-50.0, -20.0, 50.0, -10.0, 1.0), half);
+    let meshes = [ground, roof, pane];
+    let truth = Truth::new(&meshes, &[], &Bottom::Boxes(Vec::new())).unwrap();
+    let settings = RenderSettings {
+        sun: dvec3(0.0, 1.0, 1.0).normalize(),
+        shadows: true,
+        occlusion: true,
+        ..RenderSettings::default()
+    };
+    // Rays that start below roof and pane.
+    let seen = |y: f64, settings: &RenderSettings| {
+        let camera = Camera::look_at(dvec3(0.2, y, 0.5), dvec3(0.2, y, 0.0), 1.0, 1, 1).unwrap();
+        f64::from(truth.draw(&camera, settings, 64, 1).pixels[0][0])
+    };
+    let sun = RenderSettings {
+        ambient: 0.0,
+        diffuse: 1.0,
+        ..settings
+    };
+    let cosine = 0.5f64.sqrt();
+    for (y, expected) in [(-5.0, cosine), (-0.5, 0.0), (5.0, 0.0), (-15.0, 0.5 * cosine)] {
+        assert!((seen(y, &sun) - expected).abs() < 0.01, "{y}");
+    }
+    // Below the edge of the roof half of the sky is left, but for the pane.
+    let sky = RenderSettings {
+        ambient: 1.0,
+        diffuse: 0.0,
+        ..settings
+    };
+    assert!((seen(0.0, &sky) - 0.5).abs() < 0.02);
+    assert!(seen(30.0, &sky) < 0.01 && seen(-45.0, &sky) > 0.99);
+}
+
 /// A level square with corners at (x0, y0) and (x1, y1), seen counter-clockwise from above.
 fn square(x0: f64, y0: f64, x1: f64, y1: f64, z: f64) -> [[DVec3; 3]; 2] {
     let [a, b, c, d] = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)].map(|(x, y)| dvec3(x, y, z));
