@@ -16,6 +16,7 @@ use crate::gpu::Gpu;
 use crate::march::{LIFT, SKY_MIDDLE, SKY_TILT, SKY_WIDTH};
 use crate::memory::{PoolMemory, PoolSizes};
 use crate::picture::Picture;
+use crate::present::Output;
 use crate::raster::Raster;
 use crate::record::tree_record;
 use crate::settings::{RenderSettings, SUN_WIDTH};
@@ -169,6 +170,14 @@ impl Backend {
         match self {
             Self::Gpu(b) => b.memory.bytes() + b.caster.bytes(),
             Self::Cpu(caster) => caster.bytes(),
+        }
+    }
+
+    /// Where the last picture is, if there is one.
+    pub(crate) fn output(&self) -> Option<Output<'_>> {
+        match self {
+            Self::Gpu(b) => (b.caster.output()).map(|(view, drawn)| Output::Device(view, drawn)),
+            Self::Cpu(caster) => caster.drawn().map(Output::Memory),
         }
     }
 

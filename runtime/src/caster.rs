@@ -70,6 +70,7 @@ struct Target {
     width: u32,
     height: u32,
     output: wgpu::Texture,
+    view: wgpu::TextureView,
     lists: wgpu::Buffer,
     list_trees: wgpu::BindGroup,
     cast: wgpu::BindGroup,
@@ -255,9 +256,12 @@ impl Caster {
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
             format: wgpu::TextureFormat::Rgba32Float,
-            usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_SRC,
+            usage: wgpu::TextureUsages::STORAGE_BINDING
+                | wgpu::TextureUsages::COPY_SRC
+                | wgpu::TextureUsages::TEXTURE_BINDING,
             view_formats: &[],
         });
+        let view = output.create_view(&Default::default());
         let feedback = gpu.buffer("feedback", feedback_bytes, wgpu::BufferUsages::STORAGE);
         let lists = gpu.buffer(
             "lists of trees",
@@ -284,10 +288,7 @@ impl Caster {
                 (6, pools.brick_stamps.as_entire_binding()),
                 (7, pools.tile_stamps.as_entire_binding()),
                 (8, feedback.as_entire_binding()),
-                (
-                    9,
-                    wgpu::BindingResource::TextureView(&output.create_view(&Default::default())),
-                ),
+                (9, wgpu::BindingResource::TextureView(&view)),
                 (10, self.counters.as_entire_binding()),
                 (11, self.requests.as_entire_binding()),
                 (12, wgpu::BindingResource::TextureView(&pools.opacity)),
@@ -309,12 +310,19 @@ impl Caster {
             width,
             height,
             output,
+            view,
             lists,
             list_trees,
             cast,
             compact_pixels,
         });
         Ok(())
+    }
+
+    /// The last picture's texture, and how many of its columns and rows were drawn.
+    pub fn output(&self) -> Option<(&wgpu::TextureView, [u32; 2])> {
+        let target = self.target.as_ref().filter(|_| self.drawn != [0; 2])?;
+        Some((&target.view, self.drawn))
     }
 
     /// Timestamps of stage k (0 upload, 1 cast, 2 compaction).

@@ -26,14 +26,23 @@ impl Gpu {
     /// # Errors
     /// If there is no adapter or it gives no device.
     pub fn open() -> Result<Arc<Self>, RuntimeError> {
-        pollster::block_on(Self::open_async())
+        let (gpu, _) = pollster::block_on(Self::open_async(&Self::instance(), None))?;
+        Ok(gpu)
     }
 
-    async fn open_async() -> Result<Arc<Self>, RuntimeError> {
+    pub(crate) fn instance() -> wgpu::Instance {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         descriptor.backends = wgpu::Backends::PRIMARY;
-        let instance = wgpu::Instance::new(descriptor);
+        wgpu::Instance::new(descriptor)
+    }
+
+    /// The best adapter's device; with a surface, the best that can show something on it.
+    pub(crate) async fn open_async(
+        instance: &wgpu::Instance,
+        surface: Option<&wgpu::Surface<'_>>,
+    ) -> Result<(Arc<Self>, wgpu::Adapter), RuntimeError> {
         let mut adapters = instance.enumerate_adapters(wgpu::Backends::PRIMARY).await;
+        adapters.retain(|a| surface.is_none_or(|s| a.is_surface_supported(s)));
         adapters.sort_by_key(|a| match a.get_info().device_type {
             wgpu::DeviceType::DiscreteGpu => 0,
             wgpu::DeviceType::IntegratedGpu => 1,
@@ -81,14 +90,15 @@ impl Gpu {
         let timestamp_period = features
             .contains(wgpu::Features::TIMESTAMP_QUERY)
             .then(|| queue.get_timestamp_period());
-        Ok(Arc::new(Self {
+        let gpu = Self {
             device,
             queue,
             info,
             timestamp_period,
             reads_blocks: features.contains(blocks),
             fault,
-        }))
+        };
+        Ok((Arc::new(gpu), adapter))
     }
 
     /// The first error the device reported, if any.

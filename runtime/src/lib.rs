@@ -12,6 +12,7 @@
 //! | `cpu` | the CPU caster: pools in RAM, rays on all cores | render, parallel inside |
 //! | [`bias`] | footprint bias that keeps the working set in the pool, or a frame in its time | render |
 //! | [`effort`] | what of a picture is drawn so that a frame keeps its time | render |
+//! | [`present`], [`window`] | the last picture onto a window; its surface | render |
 //! | `raster` | which pixels of a picture are drawn | render |
 //! | `march` | the rules of a ray on the CPU, in f64 and f32 | any |
 //! | [`mod@reference`] | the CPU reference: those rules in f64 over everything in the files | any, parallel inside |
@@ -29,6 +30,7 @@ mod march;
 pub mod memory;
 pub mod node_lists;
 pub mod picture;
+pub mod present;
 mod raster;
 mod record;
 pub mod reference;
@@ -38,5 +40,6 @@ pub mod terrain;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod texture_pool;
+pub mod window;
 
 pub use backend::Device;

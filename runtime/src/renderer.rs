@@ -20,6 +20,7 @@ use crate::error::RuntimeError;
 use crate::memory::MAX_UPLOAD_BRICKS;
 use crate::node_lists::{ActiveTree, NodeList, NodeListProcessors};
 use crate::picture::Picture;
+use crate::present::Output;
 use crate::raster::Raster;
 use crate::record::least_level;
 use crate::settings::RenderSettings;
@@ -102,6 +103,8 @@ pub struct Renderer {
     backend: Backend,
     terrain: Terrain,
     culler: Culler,
+    /// Decides what is drawn, instead of the camera that draws.
+    frozen: Option<Camera>,
     pager: Pager,
     processors: NodeListProcessors,
     pool: TexturePoolManager,
@@ -195,6 +198,7 @@ impl Renderer {
         Ok(Self {
             backend,
             culler: Culler::new(),
+            frozen: None,
             pager,
             processors,
             pool: TexturePoolManager::new(sizes),
@@ -339,7 +343,8 @@ impl Renderer {
             },
         };
         (self.culler).set_shadows(settings.shadows.then_some(settings.sun));
-        let result = (self.culler).cull_cut(&self.terrain.graph, camera, &cut, u64::from(frame));
+        let culling = self.frozen.as_ref().unwrap_or(camera);
+        let result = (self.culler).cull_cut(&self.terrain.graph, culling, &cut, u64::from(frame));
         report.cull_ms = ms(cull);
         report.trees_visible = result.visible.len();
 
@@ -349,7 +354,8 @@ impl Renderer {
             self.in_use.touch(wanted.tree, u64::from(frame));
             report.trees_waiting += usize::from(!use_root(&mut self.pager, wanted));
         }
-        for (order, visible) in (0u32..).zip(result.visible.iter().take(MAX_TREES)) {
+        let near = (result.visible.iter()).filter(|tree| tree.distance <= settings.range);
+        for (order, visible) in (0u32..).zip(near.take(MAX_TREES)) {
             let tree = visible.tree;
             self.in_use.touch(tree, u64::from(frame));
             report.trees_waiting += usize::from(!use_root(&mut self.pager, visible));
@@ -474,6 +480,22 @@ impl Renderer {
     /// If nothing was drawn yet or the device failed.
     pub fn read_picture(&self) -> Result<Picture, RuntimeError> {
         self.backend.read_picture()
+    }
+
+    /// From now on another camera than the one that draws decides which trees are drawn, so that they can be looked at from outside;
+    /// `None` ends that.
+    pub fn cull_from(&mut self, camera: Option<Camera>) {
+        self.frozen = camera;
+    }
+
+    /// The trees in view of the last frame, front to back.
+    pub fn visible(&self) -> &[VisibleTree] {
+        &self.culler.result().visible
+    }
+
+    /// Where the last picture is, to be shown; `None` if nothing was drawn yet.
+    pub fn output(&self) -> Option<Output<'_>> {
+        self.backend.output()
     }
 
     /// What the rays of the newest frame that was read back reported.

@@ -6,6 +6,26 @@ use glam::DVec3;
 /// Width of the sun per metre of distance: it looks 0.533° wide.
 pub const SUN_WIDTH: f64 = 0.0093;
 
+/// What the picture shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Shows {
+    /// The terrain.
+    #[default]
+    Picture,
+    /// Colours by the level that is shown where a ray has lost half of its light.
+    Levels,
+    /// Lines where surfaces meet the faces of nodes.
+    Nodes,
+    /// Node reads and samples of each ray, from blue over green to red.
+    Steps,
+    /// Red where something is shown in the place of what is not loaded.
+    Residency,
+    /// Colours by the place of trees in the order front to back.
+    Trees,
+    /// Normals: east, north and up as red, green and blue.
+    Normals,
+}
+
 /// How a picture is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderSettings {
@@ -19,6 +39,8 @@ pub struct RenderSettings {
     pub step: i32,
     /// Unit vector towards the sun, world axes.
     pub sun: DVec3,
+    /// Metres from the eye beyond which trees are not drawn.
+    pub range: f64,
     /// Light that every surface gets.
     pub ambient: f64,
     /// Light that a surface facing the sun gets on top.
@@ -27,6 +49,8 @@ pub struct RenderSettings {
     pub shadows: bool,
     /// Whether surfaces hide the sky, from which the ambient light comes, from each other: six wide cones from each pixel.
     pub occlusion: bool,
+    /// What the picture shows; of other things than the terrain only a GPU makes pictures.
+    pub shows: Shows,
     /// Milliseconds that a frame may take while the camera moves ([`crate::effort`]); `None` draws everything, as settled
     /// pictures and the reference always do.
     pub target_ms: Option<f64>,
@@ -39,10 +63,12 @@ impl Default for RenderSettings {
             fade: 0.25,
             step: 0,
             sun: sun_direction(135.0, 45.0),
+            range: f64::INFINITY,
             ambient: 0.3,
             diffuse: 0.7,
             shadows: false,
             occlusion: false,
+            shows: Shows::Picture,
             target_ms: None,
         }
     }

@@ -102,6 +102,32 @@ pub struct Tree {
     pub least_level: f32,
 }
 
+/// What is told where a picture goes to a window; `Present` in `present.wgsl`.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Present {
+    /// Camera axis, world; w unused.
+    pub forward: [f32; 4],
+    /// Camera axis, world; w unused.
+    pub right: [f32; 4],
+    /// Camera axis, world; w unused.
+    pub up: [f32; 4],
+    /// Linear light of the sky at the horizon; w unused.
+    pub horizon: [f32; 4],
+    /// Linear light of the sky at the zenith; w unused.
+    pub zenith: [f32; 4],
+    /// Pixels of the picture that were drawn.
+    pub drawn: [u32; 2],
+    /// Pixels of the target.
+    pub size: [u32; 2],
+    /// Half of the picture's extent in screen coordinates.
+    pub half: [f32; 2],
+    /// 1: the target keeps what is written, which so has to be sRGB.
+    pub encode: u32,
+    /// Unused.
+    pub pad: u32,
+}
+
 /// What the upload kernels are told; `Scatter` in `scatter.wgsl`.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]

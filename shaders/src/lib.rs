@@ -18,6 +18,9 @@ pub const LISTS: &str = concat!(include_str!("wgsl/frame.wgsl"), include_str!("w
 /// Feedback compaction: entry points `compact_pixels` (64 spans of 64 pixels) and `compact_usage` (64 words).
 pub const COMPACT: &str = concat!(include_str!("wgsl/frame.wgsl"), include_str!("wgsl/compact.wgsl"));
 
+/// The picture onto a window: entry points `whole_target` and `over_sky`.
+pub const PRESENT: &str = include_str!("wgsl/present.wgsl");
+
 /// Uploads: entry points `scatter_nodes` (64 words) and `scatter_bricks` (64 samples × one brick).
 pub const SCATTER: &str = include_str!("wgsl/scatter.wgsl");
 
@@ -73,6 +76,7 @@ mod tests {
         module(LISTS);
         module(COMPACT);
         let scatter = module(SCATTER);
+        let present = module(PRESENT);
         assert_layout!(
             &cast,
             layout::Frame,
@@ -127,6 +131,12 @@ mod tests {
                 max_steps,
                 least_level,
             ]
+        );
+        assert_layout!(
+            &present,
+            layout::Present,
+            "Present",
+            [forward, right, up, horizon, zenith, drawn, size, half, encode]
         );
         assert_layout!(
             &scatter,

@@ -31,6 +31,9 @@ struct Key {
     target: [f64; 3],
 }
 
+/// Seconds, eye and target.
+pub type TimedView = (f64, DVec3, DVec3);
+
 /// A camera path.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -52,6 +55,42 @@ impl Flight {
         let flight: Self = serde_json::from_str(&text).map_err(|e| fail(e.to_string()))?;
         flight.validate().map_err(fail)?;
         Ok(flight)
+    }
+
+    /// A path through views at times, which is to be written to a file.
+    ///
+    /// # Errors
+    /// As [`Self::load`], and if there are fewer than two views.
+    pub fn from_views(views: &[TimedView], file: &Path) -> Result<Self, FlightError> {
+        let key = |(t, eye, target): &TimedView| Key {
+            t: *t,
+            eye: eye.to_array(),
+            target: target.to_array(),
+        };
+        let flight = Self {
+            keys: views.iter().map(key).collect(),
+        };
+        let result = match views.len() {
+            0 | 1 => Err("nothing was recorded".to_string()),
+            _ => flight.validate(),
+        };
+        let path = file.display().to_string();
+        result.map_err(|message| FlightError { path, message })?;
+        Ok(flight)
+    }
+
+    /// Writes the path.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), FlightError> {
+        let write = serde_json::to_vec_pretty(self)
+            .map_err(std::io::Error::from)
+            .and_then(|text| std::fs::write(path, text));
+        write.map_err(|e| FlightError {
+            path: path.display().to_string(),
+            message: e.to_string(),
+        })
     }
 
     fn validate(&self) -> Result<(), String> {

@@ -12,3 +12,4 @@ pub mod picture_file;
 pub mod report;
 pub(crate) mod trace;
 pub mod truth;
+pub mod view;

@@ -48,6 +48,8 @@ enum Command {
     Build(commands::build::Args),
     /// Fly along a camera path: pictures and a report
     Fly(commands::fly::Args),
+    /// Fly through a window
+    View(commands::view::Args),
     /// Draw one picture
     Render(commands::render::Args),
     /// Say how far two pictures are from each other
@@ -74,6 +76,7 @@ fn main() -> ExitCode {
     let result = match &cli.command {
         Command::Build(args) => commands::build::run(args),
         Command::Fly(args) => commands::fly::run(args),
+        Command::View(args) => commands::view::run(args),
         Command::Render(args) => commands::render::run(args),
         Command::Compare(args) => commands::compare::run(args),
         Command::Convert(args) => commands::convert::run(args),

@@ -7,6 +7,7 @@ use std::path::Path;
 use brickfell_culler::Camera;
 use brickfell_formats::value::{linear_to_srgb, srgb_to_linear};
 use brickfell_runtime::picture::Picture;
+use brickfell_runtime::present::{HORIZON, ZENITH};
 
 use crate::input::{InputError, Raster};
 use crate::metrics::LinearImage;
@@ -21,10 +22,6 @@ pub struct Image {
     /// `width * height * 3` bytes.
     pub rgb: Vec<u8>,
 }
-
-/// Linear-light sky at the horizon and at the zenith.
-const HORIZON: [f32; 3] = [0.55, 0.68, 0.82];
-const ZENITH: [f32; 3] = [0.12, 0.27, 0.60];
 
 /// Composites a picture over the sky that its camera sees, in linear light.
 pub fn linear_over_sky(picture: &Picture, camera: &Camera) -> LinearImage {

@@ -192,6 +192,11 @@ impl CpuCaster {
         self.feedback.take()
     }
 
+    /// What was drawn of the last picture, which may be fewer pixels, if there is one.
+    pub(crate) fn drawn(&self) -> Option<&Picture> {
+        Some(&self.picture).filter(|p| !p.pixels.is_empty())
+    }
+
     /// The last picture; enlarged if fewer pixels were drawn.
     pub(crate) fn picture(&self) -> Picture {
         let [width, height] = self.whole;

@@ -188,6 +188,26 @@ impl Reference {
         let scene = Scene::new(self, camera, settings)?;
         scene.cast(camera.ray(px, py), &mut Vec::new(), &mut RayCounters::default())
     }
+
+    /// Depth, in lengths of the direction, at which a single ray has lost half of its light; of one that never does the mean depth of what it
+    /// sees, `None` if it sees nothing. `footprint` is its width, metres per length of the direction.
+    ///
+    /// # Errors
+    /// As [`Reference::render`].
+    pub fn depth(&self, eye: DVec3, direction: DVec3, footprint: f64) -> Result<Option<f64>, ReferenceError> {
+        let settings = RenderSettings::default();
+        let lens = Lens {
+            eye,
+            footprint,
+            fade: settings.fade(),
+            segment: settings.segment(),
+        };
+        let scene = Scene::through(self, direction.normalize_or(DVec3::Z), lens, &settings);
+        let views = |k: usize| &scene.trees[k].1;
+        let ray = Ray::new(DVec3::ZERO, direction);
+        let seen = scene.gather::<true>(&ray, &scene.lens, views, 0.0, &mut Vec::new())?;
+        Ok(seen.surface().map(|surface| surface.depth))
+    }
 }
 
 /// What all rays of a picture share.

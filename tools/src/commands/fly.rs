@@ -73,7 +73,8 @@ fn parse_rate(text: &str) -> Result<f64, String> {
     }
 }
 
-fn parse_ms(text: &str) -> Result<f64, String> {
+/// Milliseconds of a frame.
+pub(crate) fn parse_ms(text: &str) -> Result<f64, String> {
     let ms: f64 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
     if (0.001..=1e6).contains(&ms) {
         Ok(ms)
@@ -108,13 +109,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         Some(file) => Flight::load(file)?,
         None => {
             let bounds = data_bounds(store.as_ref(), &terrain.trees).or(terrain.graph.bounds());
-            let bounds = bounds.ok_or_else(|| {
-                CommandError::new(
-                    format!("{}: the scene has no tree that can be read", args.dir.display()),
-                    "`brickfell check` says what is wrong with it",
-                )
-            })?;
-            Flight::orbit(&bounds, ORBIT_SECONDS)
+            Flight::orbit(&bounds.ok_or_else(|| no_tree(&args.dir))?, ORBIT_SECONDS)
         }
     };
     let trees_total = terrain.trees.len();
@@ -192,6 +187,14 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::from(if s.faults.is_empty() { 0 } else { 2 }))
 }
 
+/// What is said where nothing can be looked at.
+pub(crate) fn no_tree(dir: &Path) -> CommandError {
+    CommandError::new(
+        format!("{}: the scene has no tree that can be read", dir.display()),
+        "`brickfell check` says what is wrong with it",
+    )
+}
+
 fn file_error(path: &Path, error: std::io::Error) -> CommandError {
     CommandError::new(
         format!("{}: {error}", path.display()),
@@ -219,7 +222,7 @@ fn prepare_folder(folder: &Path) -> Result<(), CommandError> {
 }
 
 /// The box of what the trees' headers say is in them (their surface voxels), where they say it.
-fn data_bounds(store: &dyn Store, trees: &[String]) -> Option<Aabb> {
+pub(crate) fn data_bounds(store: &dyn Store, trees: &[String]) -> Option<Aabb> {
     if trees.len() > HEADERS {
         return None;
     }

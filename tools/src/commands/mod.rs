@@ -15,6 +15,7 @@ pub mod info;
 pub mod input_args;
 pub mod render;
 pub mod stats;
+pub mod view;
 pub mod view_args;
 
 use std::fmt;

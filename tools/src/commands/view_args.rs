@@ -100,7 +100,8 @@ pub fn parse_point(text: &str) -> Result<DVec3, String> {
     }
 }
 
-fn parse_sun(text: &str) -> Result<(f64, f64), String> {
+/// `AZ,EL`.
+pub fn parse_sun(text: &str) -> Result<(f64, f64), String> {
     let parts = text.split(',').map(finite).collect::<Result<Vec<_>, _>>()?;
     match parts[..] {
         [azimuth, elevation] => Ok((azimuth, elevation)),
@@ -108,7 +109,8 @@ fn parse_sun(text: &str) -> Result<(f64, f64), String> {
     }
 }
 
-fn parse_size(text: &str) -> Result<(u32, u32), String> {
+/// `WxH`.
+pub fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let wrong = || format!("a size is WxH with 1 to {MAX_PIXELS} pixels each, for instance 640x360");
     let (w, h) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
     let side = |s: &str| {
