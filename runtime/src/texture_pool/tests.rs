@@ -179,6 +179,38 @@ fn roots_in_view_stay_though_no_ray_uses_them() {
 }
 
 #[test]
+fn frames_that_replace_bricks_allocate_nothing_once_they_have_been_flown() {
+    let mut flight = Flight::new(6, sizes([4, 2, 2], 60));
+    flight.rays = Some(Vec::new());
+    let held = |flight: &Flight| {
+        let batch = [flight.batch.nodes.capacity(), flight.batch.bricks.capacity()];
+        (flight.pool.memory(), batch)
+    };
+    let (mut before, mut evictions) = (Vec::new(), 0);
+    for frame in 0..64 * 4 {
+        // The same in every 64 frames, by which time all of it is in RAM.
+        let wants: Vec<_> = (0..6)
+            .map(|k| (1, 3, [(k + frame) % 8, k % 8, (frame / 8 + k) % 8]))
+            .collect();
+        flight.fly(2, &wants, 100);
+        match frame / 64 {
+            0 | 1 => evictions = flight.evictions,
+            2 => before.push(held(&flight)),
+            _ => assert_eq!(held(&flight), before[frame as usize % 64], "frame {frame}"),
+        }
+    }
+    assert!(
+        flight.evictions > evictions + 50,
+        "{} evictions",
+        flight.evictions
+    );
+    assert!(
+        before.iter().all(|h| *h == before[0] || *h == before[1]),
+        "{before:?}"
+    );
+}
+
+#[test]
 fn a_brick_waits_for_the_one_above_it() {
     let mut flight = Flight::new(7, sizes([8, 8, 8], 1000));
     let all: Vec<_> = (0..512).map(|k| (0, 3, [k % 8, k / 8 % 8, k / 64])).collect();

@@ -6,6 +6,7 @@
 
 pub mod agreement;
 pub mod builder;
+pub mod cache;
 pub mod caster;
 pub mod culler;
 pub mod effort;
@@ -13,8 +14,10 @@ mod filter_scenes;
 pub mod filters;
 pub mod pager;
 mod scenes;
+pub mod sight;
 pub mod trees;
 pub mod truth;
+pub mod uploads;
 
 use std::path::{Path, PathBuf};
 
@@ -97,6 +100,12 @@ pub const SUITES: &[Suite] = &[
         run: agreement::rows,
     },
     Suite {
+        name: "cache",
+        about: "a flight with pools of parts of what it needs",
+        draws: true,
+        run: cache::rows,
+    },
+    Suite {
         name: "culler",
         about: "culling and ordering, few and many trees in view",
         draws: false,
@@ -113,6 +122,12 @@ pub const SUITES: &[Suite] = &[
         about: "error and memory of the builder's filters, against the truth",
         draws: false,
         run: filters::rows,
+    },
+    Suite {
+        name: "first-sight",
+        about: "how long a view takes that is jumped to",
+        draws: true,
+        run: sight::rows,
     },
     Suite {
         name: "pager",
@@ -137,6 +152,12 @@ pub const SUITES: &[Suite] = &[
         about: "time against error: pictures against the truth from the input",
         draws: true,
         run: truth::rows,
+    },
+    Suite {
+        name: "uploads",
+        about: "bricks into the pool by one buffer and a kernel, against a copy for each",
+        draws: true,
+        run: uploads::rows,
     },
 ];
 
