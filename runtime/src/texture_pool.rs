@@ -97,7 +97,8 @@ pub struct TexturePoolManager {
     /// Something waits for the next upload because this one is full.
     upload_full: bool,
     dirty: Vec<u32>,
-    is_dirty: Vec<bool>,
+    /// A bit for each node of a tile.
+    is_dirty: Vec<u8>,
     bricks: Vec<BrickUpload>,
 }
 
@@ -123,7 +124,7 @@ impl TexturePoolManager {
             tile_victims_frame: 0,
             upload_full: false,
             dirty: Vec::new(),
-            is_dirty: vec![false; sizes.tiles as usize * 8],
+            is_dirty: vec![0; sizes.tiles as usize],
             bricks: Vec::new(),
         }
     }
@@ -181,7 +182,9 @@ impl TexturePoolManager {
     }
 
     fn word(&mut self, node: u32) -> &mut [u32; 2] {
-        if !std::mem::replace(&mut self.is_dirty[node as usize], true) {
+        let (of_tile, bit) = (&mut self.is_dirty[(node >> 3) as usize], 1 << (node & 7));
+        if *of_tile & bit == 0 {
+            *of_tile |= bit;
             self.dirty.push(node);
         }
         &mut self.tiles[(node >> 3) as usize].words[(node & 7) as usize]
@@ -417,11 +420,11 @@ impl TexturePoolManager {
     /// Takes what must be sent before the next cast, instead of what the batch holds; its memory is used again.
     pub fn take_uploads(&mut self, batch: &mut UploadBatch) {
         batch.bricks.clear();
-        std::mem::swap(&mut batch.bricks, &mut self.bricks);
+        batch.bricks.append(&mut self.bricks);
         batch.nodes.clear();
         for k in 0..self.dirty.len() {
             let node = self.dirty[k];
-            self.is_dirty[node as usize] = false;
+            self.is_dirty[(node >> 3) as usize] = 0;
             let [structure, data] = self.peek(node);
             batch.nodes.push([node, structure, data, 0]);
         }

@@ -23,8 +23,8 @@ use crate::report::Percentiles;
 
 /// Pools, in parts of the most bricks that a frame of the flight needs.
 const PARTS: [f64; 5] = [0.25, 0.5, 0.75, 1.0, 1.5];
-/// Length of the way out, metres.
-const WAY: f64 = 24.0;
+/// Metres from frame to frame.
+const STEP: f64 = 1.0;
 /// Frames at rest.
 const REST: u32 = 20;
 const RAM: u64 = 2 << 30;
@@ -40,7 +40,7 @@ struct Flight {
 
 impl Flight {
     fn camera(&self, frame: u32) -> Result<Camera, CommandError> {
-        let way = WAY * f64::from(frame.min(2 * self.frames - frame)) / f64::from(self.frames);
+        let way = STEP * f64::from(frame.min(2 * self.frames - frame));
         let eye = DVec3::new(0.5 * HILLS_SIZE, 0.12 * HILLS_SIZE + way, 38.0);
         let (sin, cos) = 35f64.to_radians().sin_cos();
         let [width, height] = self.size;
@@ -143,11 +143,11 @@ impl Pilot<'_> {
 pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let flight = match settings.quick {
         true => Flight {
-            frames: 12,
+            frames: 8,
             size: [160, 120],
         },
         false => Flight {
-            frames: 60,
+            frames: 24,
             size: [320, 240],
         },
     };
@@ -195,6 +195,7 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
             "pool_percent": 100.0 * part,
             "needed_slots": needed,
             "slots": slots,
+            "brick_bytes": sizes.brick_bytes(),
             "hits_per_frame": per_frame(lap.hits),
             "misses_per_frame": per_frame(lap.misses),
             "hit_percent": 100.0 * lap.hits as f64 / (lap.hits + lap.misses) as f64,

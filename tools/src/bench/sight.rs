@@ -18,26 +18,29 @@ use super::scenes::{HILLS_SIZE, hills};
 use super::{Row, Settings, caster, row};
 use crate::commands::{CommandError, open_gpu};
 
+/// So small that it is round trips that count, and not how many bricks a frame has time for.
+const SIZE: [u32; 2] = [48, 36];
 /// Frames in a row without a wish that say that there is none: more than a read-back is late.
 const QUIET: u32 = 4;
 /// Frames after which a view is given up.
 const PATIENCE: u32 = 2000;
 
-/// Frames until nothing is asked for, those that show it not counted, and when that was.
+/// Frames until nothing is asked for, those that show it not counted, bricks uploaded in them, and when that was.
 fn sharpen(
     renderer: &mut Renderer,
     camera: &Camera,
     settings: &RenderSettings,
-) -> Result<(u32, Instant), CommandError> {
-    let (mut last, mut at) = (0, Instant::now());
+) -> Result<(u32, usize, Instant), CommandError> {
+    let (mut last, mut uploads, mut at) = (0, 0, Instant::now());
     for frame in 1..=PATIENCE {
         let report = renderer.frame(camera, settings)?;
         renderer.wait()?;
+        uploads += report.uploads;
         let asked = renderer.feedback().request_count as usize;
         if asked + report.pending + report.uploads + report.trees_waiting > 0 {
             (last, at) = (frame, Instant::now());
         } else if frame >= last + QUIET {
-            return Ok((last, at));
+            return Ok((last, uploads, at));
         }
     }
     Err(CommandError::new(
@@ -52,7 +55,7 @@ fn sharpen(
 /// If the scene cannot be built or drawn.
 pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let gpu = open_gpu()?;
-    let (width, height) = if settings.quick { (160, 120) } else { (320, 240) };
+    let [width, height] = SIZE;
     // Before the jump: down on a corner, from so near that hardly anything else is in memory.
     let corner = DVec3::new(4.0, 4.0, 0.0);
     let before = Camera::look_at(
@@ -76,14 +79,14 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
             renderer.settle(&before, &render)?;
             let stats = renderer.pager_stats();
             let start = Instant::now();
-            let (mut frames, mut end) = (0, start);
+            let (mut frames, mut uploads, mut end) = (0, 0, start);
             for finer in (0..=steps).rev() {
                 let coarser = RenderSettings {
                     bias: render.bias + f64::from(finer),
                     ..render
                 };
-                let (more, at) = sharpen(&mut renderer, &after, &coarser)?;
-                (frames, end) = (frames + more, at);
+                let (more, bricks, at) = sharpen(&mut renderer, &after, &coarser)?;
+                (frames, uploads, end) = (frames + more, uploads + bricks, at);
             }
             let loaded = renderer.pager_stats();
             rows.push(row(json!({
@@ -94,7 +97,8 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
                 "ms": (end - start).as_secs_f64() * 1e3,
                 "pages": loaded.loads - stats.loads,
                 "bytes_read": loaded.bytes_read - stats.bytes_read,
-                "bricks": renderer.feedback().used_bricks.iter().map(|w| w.count_ones()).sum::<u32>(),
+                "uploads": uploads,
+                "bricks_used": renderer.feedback().used_bricks.iter().map(|w| w.count_ones()).sum::<u32>(),
             }))?);
         }
     }
