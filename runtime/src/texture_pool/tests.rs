@@ -183,8 +183,14 @@ fn frames_that_replace_bricks_allocate_nothing_once_they_have_been_flown() {
     let mut flight = Flight::new(6, sizes([4, 2, 2], 60));
     flight.rays = Some(Vec::new());
     let held = |flight: &Flight| {
-        let batch = [flight.batch.nodes.capacity(), flight.batch.bricks.capacity()];
-        (flight.pool.memory(), batch)
+        let (batch, pool) = (&flight.batch, &flight.pool);
+        let kept = [
+            batch.nodes.capacity(),
+            batch.bricks.capacity(),
+            pool.dirty.capacity(),
+            pool.bricks.capacity(),
+        ];
+        (pool.memory(), kept)
     };
     let (mut before, mut evictions) = (None, 0);
     for frame in 0..64 * 4 {
@@ -198,6 +204,8 @@ fn frames_that_replace_bricks_allocate_nothing_once_they_have_been_flown() {
             _ => assert_eq!(Some(held(&flight)), before, "frame {frame}"),
         }
     }
+    let (_, kept) = held(&flight);
+    assert!(kept.iter().all(|c| *c > 0), "given away: {kept:?}");
     assert!(
         flight.evictions > evictions + 50,
         "{} evictions",

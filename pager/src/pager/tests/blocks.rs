@@ -42,6 +42,9 @@ fn blocks_stay_what_they_are_and_take_a_quarter() {
     let occupancy: Vec<_> = (0..samples.bricks()).map(|k| samples.occupancy(k)).collect();
     assert_eq!(page(&decoded).occupancy(), occupancy);
     assert_eq!(page(&kept).occupancy(), occupancy);
+    let words = size_of_val(&*occupancy);
+    assert!(page(&decoded).memory() >= (samples.memory() + words) as u64);
+    assert!(page(&kept).memory() >= (blocks.memory() + words) as u64);
     assert_eq!(&blocks.samples(), samples);
     assert!(samples.color.iter().all(|c| c[3] == 255));
     assert_eq!(
