@@ -67,7 +67,7 @@ mod testing;
 pub mod tree;
 
 pub use lookahead::Lookahead;
-pub use page::{ChunkPage, LevelPage, PageKey, RootPage};
+pub use page::{Bricks, ChunkPage, LevelPage, PageKey, RootPage};
 pub use pager::{LoadedBytes, PageFault, Pager, PagerConfig, PagerStats};
 pub use store::{Fault, FolderStore, MemoryStore, ProceduralConfig, ProceduralError, ProceduralStore, Store};
 pub use tree::{Found, Stop, TreeState};

@@ -9,10 +9,11 @@ use std::time::Instant;
 
 use brickfell_formats::bricks::{self, BrickHeader, BrickIndex, ChunkEntry, brick_file_name};
 use brickfell_formats::chunk::Encoding;
+use brickfell_formats::occupancy::Occupancy;
 use brickfell_formats::octree::{self, Node, TreeHeader, count_bricks};
 use brickfell_formats::octree_binary::{self, LevelEntry, OctreeIndex};
 
-use crate::page::{ChunkPage, LevelPage, RootPage, level_memory};
+use crate::page::{Bricks, ChunkPage, LevelPage, RootPage, level_memory};
 use crate::store::Store;
 
 /// Longest XML octree that is read: they are written by hand or for tests.
@@ -146,10 +147,11 @@ impl Reader<'_> {
         (self.read_done)();
         let start = Instant::now();
         let page = if self.keep_blocks {
-            bricks.block_chunk(chunk, bytes).map(ChunkPage::Blocks)
+            bricks.block_chunk(chunk, bytes).map(Bricks::Blocks)
         } else {
-            bricks.decode_chunk(chunk, &bytes).map(ChunkPage::Samples)
+            bricks.decode_chunk(chunk, &bytes).map(Bricks::Samples)
         };
+        let page = page.map(ChunkPage::new);
         let nanos = start.elapsed().as_nanos() as u64;
         (self.meters.decode_nanos).fetch_add(nanos, Ordering::Relaxed);
         page.map_err(|e| self.fail(name, e))
@@ -246,14 +248,14 @@ pub(crate) fn level_estimate(level: &LevelEntry) -> u64 {
     level_memory(level.nodes.into(), 0) + level.bytes
 }
 
-/// Bytes that loading a chunk takes: the payload, and where it is not kept as it is the decoded samples. What a decoder works with
+/// Bytes that loading a chunk takes: the payload, where it is not kept as it is the decoded samples, and where bricks show anything. What a decoder works with
 /// beside them, up to 1.3 MiB, is the loader's while it decodes, so it does not grow with the requests under way.
 pub(crate) fn chunk_estimate(chunk: &ChunkEntry, header: &BrickHeader, keep_blocks: bool) -> u64 {
-    let samples = chunk.mask.count_ones() as usize * header.layout.samples();
     let decoded = if keep_blocks {
         0
     } else {
-        samples * header.layers.sample_bytes()
+        header.layout.samples() * header.layers.sample_bytes()
     };
-    u64::from(chunk.length) + (decoded + size_of::<ChunkPage>()) as u64
+    let bricks = chunk.mask.count_ones() as usize;
+    u64::from(chunk.length) + (bricks * (decoded + size_of::<Occupancy>()) + size_of::<ChunkPage>()) as u64
 }

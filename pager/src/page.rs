@@ -121,55 +121,73 @@ impl LevelPage {
     }
 }
 
-/// The bricks of a chunk, in the form in which they go to the GPU.
+/// Bricks of a chunk, in the form in which they go to the GPU.
 #[derive(Clone, Debug, PartialEq)]
-pub enum ChunkPage {
+pub enum Bricks {
     /// Their samples.
     Samples(Chunk),
     /// Their blocks, as they are stored.
     Blocks(BlockChunk),
 }
 
+/// The bricks of a chunk, and where each of them shows anything.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChunkPage {
+    bricks: Bricks,
+    occupancy: Box<[Occupancy]>,
+}
+
 impl ChunkPage {
+    /// Looks where the bricks show anything, which takes some microseconds a brick: on a loader's thread.
+    pub fn new(bricks: Bricks) -> Self {
+        let occupancy = match &bricks {
+            Bricks::Samples(chunk) => (0..chunk.bricks()).map(|k| chunk.occupancy(k)).collect(),
+            Bricks::Blocks(chunk) => (0..chunk.bricks()).map(|k| chunk.occupancy(k)).collect(),
+        };
+        Self { bricks, occupancy }
+    }
+
+    /// The bricks.
+    pub fn bricks(&self) -> &Bricks {
+        &self.bricks
+    }
+
     /// The samples, if it holds them.
     pub fn samples(&self) -> Option<&Chunk> {
-        match self {
-            Self::Samples(chunk) => Some(chunk),
-            Self::Blocks(_) => None,
+        match &self.bricks {
+            Bricks::Samples(chunk) => Some(chunk),
+            Bricks::Blocks(_) => None,
         }
     }
 
     /// Where samples lie.
     pub fn layout(&self) -> SampleLayout {
-        match self {
-            Self::Samples(chunk) => chunk.layout,
-            Self::Blocks(chunk) => chunk.layout(),
+        match &self.bricks {
+            Bricks::Samples(chunk) => chunk.layout,
+            Bricks::Blocks(chunk) => chunk.layout(),
         }
     }
 
     /// What is stored of each sample.
     pub fn layers(&self) -> Layers {
-        match self {
-            Self::Samples(chunk) => chunk.layers(),
-            Self::Blocks(chunk) => chunk.layers(),
+        match &self.bricks {
+            Bricks::Samples(chunk) => chunk.layers(),
+            Bricks::Blocks(chunk) => chunk.layers(),
         }
     }
 
-    /// Where the k-th brick shows anything.
-    pub fn occupancy(&self, k: usize) -> Occupancy {
-        match self {
-            Self::Samples(chunk) => chunk.occupancy(k),
-            Self::Blocks(chunk) => chunk.occupancy(k),
-        }
+    /// Where each brick shows anything.
+    pub fn occupancy(&self) -> &[Occupancy] {
+        &self.occupancy
     }
 
     /// Bytes the page takes in memory.
     pub fn memory(&self) -> u64 {
-        let owned = match self {
-            Self::Samples(chunk) => chunk.memory() - size_of::<Chunk>(),
-            Self::Blocks(chunk) => chunk.memory() - size_of::<BlockChunk>(),
+        let owned = match &self.bricks {
+            Bricks::Samples(chunk) => chunk.memory() - size_of::<Chunk>(),
+            Bricks::Blocks(chunk) => chunk.memory() - size_of::<BlockChunk>(),
         };
-        (owned + size_of::<Self>()) as u64
+        (owned + size_of_val(&*self.occupancy) + size_of::<Self>()) as u64
     }
 }
 

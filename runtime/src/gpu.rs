@@ -1,8 +1,18 @@
 //! The device: adapter choice, limits, errors. Created once, shared by everything that draws.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::RuntimeError;
+
+/// What was asked of a device so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GpuCalls {
+    /// Buffers, bind groups and pipelines made; not what wgpu makes for a write to carry it to the device.
+    pub made: u64,
+    /// Times that somebody waited for it.
+    pub waits: u64,
+}
 
 /// An open device and its queue.
 #[derive(Debug)]
@@ -18,6 +28,8 @@ pub struct Gpu {
     /// Whether it samples block-compressed 3D textures.
     pub reads_blocks: bool,
     fault: Arc<Mutex<Option<String>>>,
+    made: AtomicU64,
+    waits: AtomicU64,
 }
 
 impl Gpu {
@@ -97,6 +109,8 @@ impl Gpu {
             timestamp_period,
             reads_blocks: features.contains(blocks),
             fault,
+            made: AtomicU64::new(0),
+            waits: AtomicU64::new(0),
         };
         Ok((Arc::new(gpu), adapter))
     }
@@ -117,10 +131,19 @@ impl Gpu {
     /// # Errors
     /// If the device failed.
     pub fn wait(&self) -> Result<(), RuntimeError> {
+        self.waits.fetch_add(1, Ordering::Relaxed);
         self.device
             .poll(wgpu::PollType::wait_indefinitely())
             .map_err(|e| RuntimeError::Device(e.to_string()))?;
         self.check()
+    }
+
+    /// What was asked of it so far, by all that share it.
+    pub fn calls(&self) -> GpuCalls {
+        GpuCalls {
+            made: self.made.load(Ordering::Relaxed),
+            waits: self.waits.load(Ordering::Relaxed),
+        }
     }
 
     /// Whether the adapter is the CPU with a driver that stands in for a GPU.
@@ -148,6 +171,7 @@ impl Gpu {
         entry: &str,
         constants: &[(&str, f64)],
     ) -> wgpu::ComputePipeline {
+        self.made.fetch_add(1, Ordering::Relaxed);
         let module = self.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(label),
             source: wgpu::ShaderSource::Wgsl(source.into()),
@@ -171,6 +195,7 @@ impl Gpu {
         pipeline: &wgpu::ComputePipeline,
         resources: &[(u32, wgpu::BindingResource<'_>)],
     ) -> wgpu::BindGroup {
+        self.made.fetch_add(1, Ordering::Relaxed);
         let entries: Vec<_> = resources
             .iter()
             .map(|(binding, resource)| wgpu::BindGroupEntry {
@@ -186,6 +211,7 @@ impl Gpu {
     }
 
     pub(crate) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        self.made.fetch_add(1, Ordering::Relaxed);
         self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size: size.next_multiple_of(16).max(16),

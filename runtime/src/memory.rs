@@ -145,7 +145,7 @@ impl PoolSizes {
     }
 
     /// The first texel of a slot.
-    pub(crate) fn slot_corner(&self, slot: u32) -> [u32; 3] {
+    pub fn slot_corner(&self, slot: u32) -> [u32; 3] {
         let [x, y, _] = self.slots;
         let (cell, size) = ([slot % x, slot / x % y, slot / (x * y)], self.slot());
         std::array::from_fn(|axis| cell[axis] * size[axis])
@@ -332,7 +332,7 @@ impl PoolMemory {
         queue.write_buffer(&self.node_updates, 0, bytemuck::cast_slice(nodes));
         self.staging.clear();
         for upload in bricks {
-            let Occupancy { cells, gaps } = upload.chunk.occupancy(upload.brick as usize);
+            let Occupancy { cells, gaps } = upload.chunk.occupancy()[upload.brick as usize];
             self.staging
                 .extend([upload.slot, cells as u32, (cells >> 32) as u32]);
             self.staging.extend(gaps);

@@ -17,7 +17,7 @@ use crate::bias::BiasController;
 use crate::caster::{Feedback, MAX_TREES, REQUEST_CAPACITY};
 use crate::effort::{Cost, Effort, EffortController, Wanted};
 use crate::error::RuntimeError;
-use crate::memory::MAX_UPLOAD_BRICKS;
+use crate::memory::{MAX_UPLOAD_BRICKS, PoolSizes};
 use crate::node_lists::{ActiveTree, NodeList, NodeListProcessors};
 use crate::picture::Picture;
 use crate::present::Output;
@@ -25,7 +25,7 @@ use crate::raster::Raster;
 use crate::record::least_level;
 use crate::settings::RenderSettings;
 use crate::terrain::Terrain;
-use crate::texture_pool::{TexturePoolManager, priority};
+use crate::texture_pool::{TexturePoolManager, UploadBatch, priority};
 
 /// Frames after which an unseen tree is released.
 const TREE_KEEP_FRAMES: u64 = 300;
@@ -69,6 +69,8 @@ pub struct FrameReport {
     pub trees_waiting: usize,
     /// Bricks in the pool.
     pub bricks_resident: u32,
+    /// Of those, bricks that the newest rays read back used, those above them, and what came for them since.
+    pub bricks_in_use: u32,
     /// Bricks uploaded.
     pub uploads: usize,
     /// Node words uploaded.
@@ -108,6 +110,8 @@ pub struct Renderer {
     pager: Pager,
     processors: NodeListProcessors,
     pool: TexturePoolManager,
+    /// Of the last frame, for its memory.
+    uploads: UploadBatch,
     bias: BiasController,
     effort: EffortController,
     /// The last frame's.
@@ -202,6 +206,7 @@ impl Renderer {
             pager,
             processors,
             pool: TexturePoolManager::new(sizes),
+            uploads: UploadBatch::default(),
             bias: BiasController::default(),
             effort: EffortController::default(),
             camera: None,
@@ -406,16 +411,19 @@ impl Renderer {
         );
 
         let in_use = self.pool.bricks_in_use(self.feedback.frame.max(1));
+        report.bricks_in_use = in_use;
         let slots = f64::from(self.backend.sizes().bricks());
         let demand = f64::from(in_use) + self.pending as f64;
         let ram = self.pager.over_budget();
         self.bias.update(frame, camera, &[(demand, slots), (ram, 1.0)]);
         report.bias = settings.bias + self.bias.extra();
 
-        let batch = self.pool.take_uploads();
-        report.uploads = batch.bricks.len();
-        report.node_updates = batch.nodes.len();
-        report.bytes_uploaded = self.backend.upload(&batch);
+        self.pool.take_uploads(&mut self.uploads);
+        report.uploads = self.uploads.bricks.len();
+        report.node_updates = self.uploads.nodes.len();
+        report.bytes_uploaded = self.backend.upload(&self.uploads);
+        // Loaders free pages, not this thread: none is held any longer than it must be.
+        self.uploads.bricks.clear();
         report.bricks_resident = self.pool.bricks_resident();
         report.upload_ms = ms(upload);
         if report.uploads > 0 {
@@ -516,6 +524,16 @@ impl Renderer {
     /// Brick slots of the pool.
     pub fn brick_slots(&self) -> u32 {
         self.backend.sizes().bricks()
+    }
+
+    /// Sizes of the pools.
+    pub fn pool_sizes(&self) -> PoolSizes {
+        self.backend.sizes()
+    }
+
+    /// What is in the pools.
+    pub fn pool(&self) -> &TexturePoolManager {
+        &self.pool
     }
 
     /// Whether bricks that are block-compressed on disk are not so on the device, because it cannot read them or is not to.

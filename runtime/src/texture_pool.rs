@@ -7,6 +7,8 @@
 //! - what was used in the last [`LATENCY`] frames is not evicted (the read-back is that late), nor are roots in use;
 //! - use passes on to ancestors, so the oldest entry, deepest first, never has a resident descendant that is younger.
 
+mod evict;
+
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
@@ -14,7 +16,7 @@ use brickfell_culler::TreeId;
 use brickfell_formats::chunk::Layers;
 use brickfell_formats::octree::NodeData;
 use brickfell_pager::{ChunkPage, PageKey, Pager, TreeState};
-use brickfell_shaders::layout::{AXES, BRICK, POINTER, TERMINAL};
+use brickfell_shaders::layout::{AXES, BRICK, TERMINAL};
 
 use crate::caster::Feedback;
 use crate::memory::{BrickUpload, MAX_UPLOAD_BRICKS, MAX_UPLOAD_NODES, PoolSizes};
@@ -65,6 +67,9 @@ struct Slot {
     last_used: u32,
 }
 
+/// Names a brick: its tree, its level, its node there.
+pub type BrickPlace = (TreeId, u8, u32);
+
 /// What to send before the next cast.
 #[derive(Debug, Default)]
 pub struct UploadBatch {
@@ -92,7 +97,8 @@ pub struct TexturePoolManager {
     /// Something waits for the next upload because this one is full.
     upload_full: bool,
     dirty: Vec<u32>,
-    is_dirty: Vec<bool>,
+    /// A bit for each node of a tile.
+    is_dirty: Vec<u8>,
     bricks: Vec<BrickUpload>,
 }
 
@@ -118,7 +124,7 @@ impl TexturePoolManager {
             tile_victims_frame: 0,
             upload_full: false,
             dirty: Vec::new(),
-            is_dirty: vec![false; sizes.tiles as usize * 8],
+            is_dirty: vec![0; sizes.tiles as usize],
             bricks: Vec::new(),
         }
     }
@@ -126,6 +132,31 @@ impl TexturePoolManager {
     /// Bricks resident.
     pub fn bricks_resident(&self) -> u32 {
         self.sizes.bricks() - self.free_slots.len() as u32
+    }
+
+    /// The bricks that have a slot.
+    pub fn residents(&self) -> impl Iterator<Item = BrickPlace> {
+        let nodes = self.slots.iter().map(|s| s.node).filter(|node| *node != NONE);
+        nodes.map(|node| {
+            let tile = &self.tiles[(node >> 3) as usize];
+            (tile.tree, tile.level, tile.index * 8 + (node & 7))
+        })
+    }
+
+    /// Bytes of RAM that the directory takes. Where they stay the same nothing was allocated.
+    pub fn memory(&self) -> u64 {
+        let words = self.free_tiles.capacity()
+            + self.free_slots.capacity()
+            + self.victims.capacity()
+            + self.tile_victims.capacity()
+            + self.dirty.capacity();
+        // An entry and a byte of control, in tables that are filled up to seven eighths.
+        let entries = self.tile_of.capacity() * 8 / 7 * (size_of::<(BrickPlace, u32)>() + 1);
+        let bytes = self.tiles.capacity() * size_of::<Tile>()
+            + self.slots.capacity() * size_of::<Slot>()
+            + self.is_dirty.capacity()
+            + self.bricks.capacity() * size_of::<BrickUpload>();
+        (words * 4 + entries + bytes) as u64
     }
 
     /// Bricks that rays of a frame, or of a later one, used or wanted, and those above them: a resident set closed under parents
@@ -151,7 +182,9 @@ impl TexturePoolManager {
     }
 
     fn word(&mut self, node: u32) -> &mut [u32; 2] {
-        if !std::mem::replace(&mut self.is_dirty[node as usize], true) {
+        let (of_tile, bit) = (&mut self.is_dirty[(node >> 3) as usize], 1 << (node & 7));
+        if *of_tile & bit == 0 {
+            *of_tile |= bit;
             self.dirty.push(node);
         }
         &mut self.tiles[(node >> 3) as usize].words[(node & 7) as usize]
@@ -384,96 +417,23 @@ impl TexturePoolManager {
         Some(())
     }
 
-    fn evict_some_brick(&mut self, frame: u32) -> Option<u32> {
-        if self.victims_frame != frame {
-            self.victims_frame = frame;
-            let (slots, tiles) = (&self.slots, &self.tiles);
-            self.victims.clear();
-            self.victims.extend((0..slots.len() as u32).filter(|s| {
-                let slot = &slots[*s as usize];
-                slot.node != NONE && slot.last_used + LATENCY < frame
-            }));
-            // Next victim last: oldest, and among those the deepest.
-            self.victims.sort_unstable_by_key(|s| {
-                let slot = &slots[*s as usize];
-                (
-                    std::cmp::Reverse(slot.last_used),
-                    tiles[(slot.node >> 3) as usize].level,
-                )
-            });
-        }
-        while let Some(slot) = self.victims.pop() {
-            let entry = self.slots[slot as usize];
-            if entry.node != NONE && entry.last_used + LATENCY < frame {
-                self.word(entry.node)[1] = 0;
-                self.slots[slot as usize].node = NONE;
-                return Some(slot);
-            }
-        }
-        None
-    }
-
-    fn evict_some_tile(&mut self, frame: u32) -> Option<u32> {
-        if self.tile_victims_frame != frame {
-            self.tile_victims_frame = frame;
-            let tiles = &self.tiles;
-            self.tile_victims.clear();
-            self.tile_victims
-                .extend((1..tiles.len() as u32).filter(|t| tiles[*t as usize].is_old(frame)));
-            self.tile_victims.sort_unstable_by_key(|t| {
-                (
-                    std::cmp::Reverse(tiles[*t as usize].last_used),
-                    tiles[*t as usize].level,
-                )
-            });
-        }
-        while let Some(tile) = self.tile_victims.pop() {
-            if self.tiles[tile as usize].is_old(frame) {
-                self.remove_tile(tile);
-                return self.free_tiles.pop();
-            }
-        }
-        None
-    }
-
-    /// Takes a tile out, with everything below it.
-    fn remove_tile(&mut self, tile: u32) {
-        let entry = self.tiles[tile as usize];
-        for [structure, data] in entry.words {
-            let child = structure & POINTER;
-            if child != 0 {
-                self.remove_tile(child);
-            }
-            if structure & BRICK != 0 && data != 0 {
-                self.slots[data as usize - 1].node = NONE;
-                self.free_slots.push(data - 1);
-            }
-        }
-        if entry.parent != NONE {
-            self.word(entry.parent)[0] &= !POINTER;
-        }
-        self.tile_of.remove(&(entry.tree, entry.level, entry.index));
-        self.tiles[tile as usize] = EMPTY_TILE;
-        self.free_tiles.push(tile);
-    }
-
-    /// Takes what must be sent before the next cast.
-    pub fn take_uploads(&mut self) -> UploadBatch {
-        let mut batch = UploadBatch {
-            nodes: Vec::new(),
-            bricks: std::mem::take(&mut self.bricks),
-        };
-        for node in std::mem::take(&mut self.dirty) {
-            self.is_dirty[node as usize] = false;
+    /// Takes what must be sent before the next cast, instead of what the batch holds; its memory is used again.
+    pub fn take_uploads(&mut self, batch: &mut UploadBatch) {
+        batch.bricks.clear();
+        batch.bricks.append(&mut self.bricks);
+        batch.nodes.clear();
+        for k in 0..self.dirty.len() {
+            let node = self.dirty[k];
+            self.is_dirty[(node >> 3) as usize] = 0;
             let [structure, data] = self.peek(node);
             batch.nodes.push([node, structure, data, 0]);
         }
+        self.dirty.clear();
         // A brick may have left its slot again in the same frame.
         batch.bricks.retain(|b| {
             let node = self.slots[b.slot as usize].node;
             node != NONE && self.tiles[(node >> 3) as usize].words[(node & 7) as usize][1] == b.slot + 1
         });
-        batch
     }
 }
 

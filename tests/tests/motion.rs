@@ -82,6 +82,39 @@ fn two_renderers_settle_to_the_same_picture() {
     });
 }
 
+#[test]
+fn frames_make_nothing_on_the_device_and_never_wait_for_it() {
+    exactly("frames_make_nothing_on_the_device_and_never_wait_for_it", || {
+        let (world, middle) = terrain();
+        let settings = RenderSettings::default();
+        let start = overview(middle, 30.0);
+        // Less than the flight needs, so that bricks come and go.
+        let mut renderer = world.renderer_within(12 << 20);
+        renderer.settle(&start, &settings).unwrap();
+        let mut fly = |step: f64, frames: u32, keep_up: bool| {
+            let mut uploads = 0;
+            for frame in 0..frames {
+                let camera = Camera {
+                    eye: start.eye + start.right * (step * f64::from(frame)),
+                    ..start
+                };
+                let before = world::gpu().calls();
+                uploads += renderer.frame(&camera, &settings).unwrap().uploads;
+                assert_eq!(world::gpu().calls(), before, "frame {frame}");
+                if keep_up {
+                    renderer.wait().unwrap();
+                }
+            }
+            renderer.wait().unwrap();
+            uploads
+        };
+        assert_eq!(fly(0.0, 20, true), 0, "at rest nothing comes");
+        assert!(fly(0.5, 40, true) > 100);
+        // More frames than there are buffers for read-backs, none of which has come.
+        fly(0.5, 12, false);
+    });
+}
+
 /// FLIP between the settled pictures of neighbouring cameras of a path, over black.
 fn changes(
     renderer: &mut Renderer,

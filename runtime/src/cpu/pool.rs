@@ -20,7 +20,7 @@ use brickfell_formats::chunk::Layers;
 use brickfell_formats::layout::SampleLayout;
 use brickfell_formats::occupancy::{GAP_WORDS, GAPS};
 use brickfell_formats::value::{decode_normal, srgb_to_linear_f64};
-use brickfell_pager::ChunkPage;
+use brickfell_pager::{Bricks, ChunkPage};
 use brickfell_shaders::layout::BRICK;
 use glam::{DVec3, Vec4};
 
@@ -79,15 +79,15 @@ impl Packed {
             let [r, g, b] = [r, g, b].map(|c| codes.linear[usize::from(c)]);
             samples.push([r, g, b, opacity(a), x, y, z, 0]);
         };
-        match chunk {
-            ChunkPage::Samples(chunk) => {
+        match chunk.bricks() {
+            Bricks::Samples(chunk) => {
                 for (color, [x, y, z, _]) in chunk.brick_color(k).iter().zip(chunk.brick_normal(k)) {
                     sample(*color, [*x, *y, *z].map(|c| codes.normal[usize::from(c as u8)]));
                 }
                 let stored = chunk.brick_opacity(k).unwrap_or_default().iter();
                 axes.extend(stored.map(|[x, y, z, _]| [opacity(*x), opacity(*y), opacity(*z), 0]));
             }
-            ChunkPage::Blocks(chunk) => {
+            Bricks::Blocks(chunk) => {
                 let texels = chunk.texels(k, Between::default());
                 for (color, normal) in texels.color.iter().zip(&texels.normal) {
                     sample(
@@ -103,7 +103,7 @@ impl Packed {
         Self {
             occupied,
             filled: filled(&occupied),
-            gaps: chunk.occupancy(k).gaps,
+            gaps: chunk.occupancy()[k].gaps,
             samples: samples.into(),
             axes: axes.into(),
             side: layout.side() as usize,

@@ -2,7 +2,7 @@
 
 use brickfell_formats::chunk::Chunk;
 use brickfell_formats::layout::SampleLayout;
-use brickfell_pager::ChunkPage;
+use brickfell_pager::{Bricks, ChunkPage};
 use glam::{DVec3, dvec3};
 use proptest::prelude::*;
 
@@ -49,7 +49,7 @@ proptest! {
             },
             layout,
         };
-        let packed = &Packed::new(&ChunkPage::Samples(chunk.clone()), 0);
+        let packed = &Packed::new(&ChunkPage::new(Bricks::Samples(chunk.clone())), 0);
         for place in places {
             // Of what f32 holds, so that both round to the same 256th.
             let local = place.map(|x| (x * 64.0).round() / 64.0);

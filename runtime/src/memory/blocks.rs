@@ -12,7 +12,7 @@
 
 use brickfell_formats::blocks::{COLOR_BYTES, PLAIN_BYTES, SLICE_BLOCKS, SLICE_SIDE};
 use brickfell_formats::chunk::Layers;
-use brickfell_pager::ChunkPage;
+use brickfell_pager::Bricks;
 
 use super::{BrickUpload, MAX_UPLOAD_BRICKS, PoolSizes, Views, texture};
 use crate::gpu::Gpu;
@@ -123,7 +123,7 @@ impl BlockWriter {
             self.staging.clear();
             self.staging.resize(bands * rows * ROW, 0);
             for (k, upload) in bricks.iter().enumerate() {
-                let ChunkPage::Blocks(chunk) = &*upload.chunk else {
+                let Bricks::Blocks(chunk) = upload.chunk.bricks() else {
                     continue;
                 };
                 let from = chunk.brick(upload.brick as usize)[layer.index];

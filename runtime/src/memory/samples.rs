@@ -4,7 +4,7 @@
 //! thread.
 
 use brickfell_formats::chunk::Layers;
-use brickfell_pager::ChunkPage;
+use brickfell_pager::Bricks;
 use brickfell_shaders::SCATTER;
 
 use super::{BrickUpload, MAX_UPLOAD_BRICKS, PoolSizes, Views, texture};
@@ -95,24 +95,34 @@ impl SampleWriter {
         self.staging.clear();
         self.staging.extend(bricks.iter().map(|b| b.slot));
         queue.write_buffer(&self.slots, 0, bytemuck::cast_slice(&self.staging));
-        let samples = sizes.layout.samples() as u64;
+        let bytes = bricks.len() as u64 * sizes.brick_bytes();
+        let Some(size) = wgpu::BufferSize::new(bytes) else {
+            return 0;
+        };
+        // Straight into the one buffer that carries all of them; a device without memory for it has said so.
+        let Some(mut view) = queue.write_buffer_with(&self.data, 0, size) else {
+            return 0;
+        };
+        let layer = sizes.layout.samples() * 4;
         for (k, upload) in bricks.iter().enumerate() {
-            let ChunkPage::Samples(chunk) = &*upload.chunk else {
+            let Bricks::Samples(chunk) = upload.chunk.bricks() else {
                 continue;
             };
-            let at = k as u64 * sizes.brick_bytes();
             let brick = upload.brick as usize;
-            queue.write_buffer(&self.data, at, chunk.brick_color(brick).as_flattened());
-            queue.write_buffer(
-                &self.data,
-                at + samples * 4,
-                bytemuck::cast_slice(chunk.brick_normal(brick)),
-            );
-            if let (Layers::Axes, Some(opacity)) = (sizes.layers, chunk.brick_opacity(brick)) {
-                queue.write_buffer(&self.data, at + samples * 8, opacity.as_flattened());
+            let parts = [
+                Some(chunk.brick_color(brick).as_flattened()),
+                Some(bytemuck::cast_slice(chunk.brick_normal(brick))),
+                chunk.brick_opacity(brick).map(|o| o.as_flattened()),
+            ];
+            let count = sizes.layers.sample_bytes() / 4;
+            for (part, samples) in parts.into_iter().take(count).enumerate() {
+                if let Some(samples) = samples {
+                    let at = (k * count + part) * layer;
+                    view.slice(at..at + layer).copy_from_slice(samples);
+                }
             }
         }
-        bricks.len() as u64 * (sizes.brick_bytes() + 4)
+        bytes + bricks.len() as u64 * 4
     }
 
     /// Encodes the kernel for so many bricks.

@@ -41,7 +41,6 @@ fn wall() -> Reference {
             } else {
                 [side, 0, 0, 0]
             },
-            ..Stored::default()
         }
     });
     store.open(&["t.oct"])

@@ -179,6 +179,41 @@ fn roots_in_view_stay_though_no_ray_uses_them() {
 }
 
 #[test]
+fn frames_that_replace_bricks_allocate_nothing_once_they_have_been_flown() {
+    let mut flight = Flight::new(6, sizes([4, 2, 2], 60));
+    flight.rays = Some(Vec::new());
+    let held = |flight: &Flight| {
+        let (batch, pool) = (&flight.batch, &flight.pool);
+        let kept = [
+            batch.nodes.capacity(),
+            batch.bricks.capacity(),
+            pool.dirty.capacity(),
+            pool.bricks.capacity(),
+        ];
+        (pool.memory(), kept)
+    };
+    let (mut before, mut evictions) = (None, 0);
+    for frame in 0..64 * 4 {
+        // The same in every 64 frames, by which time all of it is in RAM.
+        let wants: Vec<_> = (0..6)
+            .map(|k| (1, 3, [(k + frame) % 8, k % 8, (frame / 8 + k) % 8]))
+            .collect();
+        flight.fly(2, &wants, 100);
+        match frame / 64 {
+            0 | 1 => (before, evictions) = (Some(held(&flight)), flight.evictions),
+            _ => assert_eq!(Some(held(&flight)), before, "frame {frame}"),
+        }
+    }
+    let (_, kept) = held(&flight);
+    assert!(kept.iter().all(|c| *c > 0), "given away: {kept:?}");
+    assert!(
+        flight.evictions > evictions + 50,
+        "{} evictions",
+        flight.evictions
+    );
+}
+
+#[test]
 fn a_brick_waits_for_the_one_above_it() {
     let mut flight = Flight::new(7, sizes([8, 8, 8], 1000));
     let all: Vec<_> = (0..512).map(|k| (0, 3, [k % 8, k / 8 % 8, k / 64])).collect();

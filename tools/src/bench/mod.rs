@@ -6,6 +6,7 @@
 
 pub mod agreement;
 pub mod builder;
+pub mod cache;
 pub mod caster;
 pub mod culler;
 pub mod effort;
@@ -14,8 +15,10 @@ pub mod filters;
 pub mod lights;
 pub mod pager;
 mod scenes;
+pub mod sight;
 pub mod trees;
 pub mod truth;
+pub mod uploads;
 
 use std::path::{Path, PathBuf};
 
@@ -98,6 +101,12 @@ pub const SUITES: &[Suite] = &[
         run: agreement::rows,
     },
     Suite {
+        name: "cache",
+        about: "a flight with pools of parts of what it needs",
+        draws: true,
+        run: cache::rows,
+    },
+    Suite {
         name: "culler",
         about: "culling and ordering, few and many trees in view",
         draws: false,
@@ -122,6 +131,12 @@ pub const SUITES: &[Suite] = &[
         run: lights::rows,
     },
     Suite {
+        name: "first-sight",
+        about: "how long a view takes that is jumped to",
+        draws: true,
+        run: sight::rows,
+    },
+    Suite {
         name: "pager",
         about: "flights over a procedural terrain: memory, reading, and how long until it is sharp",
         draws: false,
@@ -144,6 +159,12 @@ pub const SUITES: &[Suite] = &[
         about: "time against error: pictures against the truth from the input",
         draws: true,
         run: truth::rows,
+    },
+    Suite {
+        name: "uploads",
+        about: "bricks into the pool by one buffer and a kernel, against a copy for each",
+        draws: true,
+        run: uploads::rows,
     },
 ];
 

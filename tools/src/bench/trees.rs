@@ -1,11 +1,12 @@
 //! Suite `caster-trees`: what trees cost a frame that are many, in view or out of it.
 //!
-//! The ground of suite `caster` as one tree, as 4×4 and as 16×16; and one view on procedural terrains of 1, 4 and 16 times the area.
+//! The ground of suite `caster` as one tree, as 4×4 and as 16×16; one view on procedural terrains of 1, 4 and 16 times the area; and
+//! procedural terrains all of whose trees are in view, few and many.
 
 use std::sync::Arc;
 
 use brickfell_culler::Camera;
-use brickfell_pager::{FolderStore, Store};
+use brickfell_pager::{FolderStore, ProceduralConfig, ProceduralStore, Store};
 use brickfell_runtime::renderer::Renderer;
 use brickfell_runtime::settings::RenderSettings;
 use brickfell_runtime::terrain::Terrain;
@@ -25,8 +26,15 @@ const CUTS: [u32; 3] = [1, 4, 16];
 const AREAS: [u32; 3] = [1, 4, 16];
 /// Side of the least, metres.
 const SIDE: f64 = 500.0;
+/// Trees per axis of the terrains that are in view as a whole.
+const WHOLE: [u32; 2] = [7, 37];
+/// Depth of their trees, and so the side of one in metres, voxels being one wide.
+const DEPTH: u8 = 3;
+const TREE: f64 = (8 << DEPTH) as f64;
+/// Picture of them: so large that no group is far enough for its coarse trees.
+const WHOLE_SIZE: [u32; 2] = [480, 360];
 /// Frames of which the CPU's times are taken.
-const FRAMES: usize = 9;
+const FRAMES: usize = 15;
 
 /// A settled view's row.
 fn measured(
@@ -101,6 +109,29 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
             let scene = format!("procedural, area x {area}");
             rows.push(measured(
                 &scene,
+                &mut renderer,
+                total,
+                &camera,
+                repetitions(settings),
+            )?);
+        }
+        for trees in WHOLE {
+            let side = f64::from(trees) * TREE;
+            let store: Arc<dyn Store> = Arc::new(ProceduralStore::new(ProceduralConfig {
+                extent: side,
+                voxel: 1.0,
+                depth: Some(DEPTH),
+                ..ProceduralConfig::default()
+            })?);
+            let terrain = Terrain::open(&store)?;
+            let total = terrain.trees.len();
+            let [width, height] = WHOLE_SIZE;
+            let eye = DVec3::new(-0.3, -0.3, 0.9) * side;
+            let middle = DVec3::new(0.5, 0.5, 0.0) * side;
+            let camera = Camera::look_at(eye, middle, 60.0, width, height)?;
+            let mut renderer = renderer(device.clone(), store, terrain)?;
+            rows.push(measured(
+                "procedural, all in view",
                 &mut renderer,
                 total,
                 &camera,

@@ -3,7 +3,7 @@
 use brickfell_formats::chunk::Encoding;
 use brickfell_formats::octree::Octree;
 
-use crate::page::ChunkPage;
+use crate::page::{Bricks, ChunkPage};
 use crate::testing::*;
 use crate::{MemoryStore, PageKey, PagerConfig};
 
@@ -35,9 +35,16 @@ fn page(flight: &Flight) -> &ChunkPage {
 #[test]
 fn blocks_stay_what_they_are_and_take_a_quarter() {
     let (kept, mut decoded) = (flight(Encoding::Blocks, true), flight(Encoding::Blocks, false));
-    let (ChunkPage::Blocks(blocks), ChunkPage::Samples(samples)) = (page(&kept), page(&decoded)) else {
+    let (Bricks::Blocks(blocks), Bricks::Samples(samples)) = (page(&kept).bricks(), page(&decoded).bricks())
+    else {
         panic!("the wrong forms")
     };
+    let occupancy: Vec<_> = (0..samples.bricks()).map(|k| samples.occupancy(k)).collect();
+    assert_eq!(page(&decoded).occupancy(), occupancy);
+    assert_eq!(page(&kept).occupancy(), occupancy);
+    let words = size_of_val(&*occupancy);
+    assert!(page(&decoded).memory() >= (samples.memory() + words) as u64);
+    assert!(page(&kept).memory() >= (blocks.memory() + words) as u64);
     assert_eq!(&blocks.samples(), samples);
     assert!(samples.color.iter().all(|c| c[3] == 255));
     assert_eq!(

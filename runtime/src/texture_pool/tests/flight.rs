@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use brickfell_formats::layout::SampleLayout;
 use brickfell_pager::{MemoryStore, PagerConfig};
-use brickfell_shaders::layout::Request;
+use brickfell_shaders::layout::{POINTER, Request};
 use glam::{DVec3, UVec3};
 
 use super::super::*;
@@ -63,6 +63,7 @@ struct Model {
 /// A pool, its pager and the model, frame by frame.
 pub(super) struct Flight {
     pub(super) pool: TexturePoolManager,
+    pub(super) batch: UploadBatch,
     pub(super) pager: Pager,
     pub(super) store: Arc<MemoryStore>,
     pub(super) processors: NodeListProcessors,
@@ -85,6 +86,7 @@ impl Flight {
         let (store, names) = trees();
         Self {
             pool: TexturePoolManager::new(sizes),
+            batch: UploadBatch::default(),
             pager: Pager::new(
                 Arc::clone(&store) as Arc<dyn brickfell_pager::Store>,
                 names,
@@ -164,10 +166,12 @@ impl Flight {
         self.pending = self.pool.apply(&self.list, &mut self.pager, frame, limit);
         self.pager.submit();
         self.pager.wait_for_progress(Duration::from_millis(200));
-        let batch = self.pool.take_uploads();
+        let mut batch = std::mem::take(&mut self.batch);
+        self.pool.take_uploads(&mut batch);
         self.uploads += batch.bricks.len();
         assert!(batch.bricks.len() <= limit.max(1).saturating_add(visible as usize));
         self.send(&batch);
+        self.batch = batch;
         self.check(&before);
         self.cast();
     }
@@ -175,10 +179,9 @@ impl Flight {
     /// Nodes with a tile, and with a brick.
     fn residents(&self) -> HashSet<(Place, bool)> {
         let tiles = (0..self.pool.tiles.len() as u32).filter(|t| self.pool.tiles[*t as usize].resident);
-        let bricks = self.pool.slots.iter().filter(|s| s.node != NONE);
         tiles
             .map(|t| (self.place(t * 8), false))
-            .chain(bricks.map(|s| (self.place(s.node), true)))
+            .chain(self.pool.residents().map(|place| (place, true)))
             .collect()
     }
 
