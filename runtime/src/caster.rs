@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 use std::time::Instant;
 
 use brickfell_shaders::layout::{self, COUNTER_WORDS, Request, TABLE_WORDS};
-use brickfell_shaders::{CAST, COMPACT, LISTS};
+use brickfell_shaders::{BEAM, CAST, COMPACT, LISTS};
 
 use crate::error::RuntimeError;
 use crate::gpu::Gpu;
@@ -72,6 +72,7 @@ struct Target {
     output: wgpu::Texture,
     lists: wgpu::Buffer,
     list_trees: wgpu::BindGroup,
+    start_rays: wgpu::BindGroup,
     cast: wgpu::BindGroup,
     compact_pixels: wgpu::BindGroup,
 }
@@ -80,6 +81,7 @@ struct Target {
 #[derive(Debug)]
 pub struct Caster {
     list_trees: wgpu::ComputePipeline,
+    start_rays: wgpu::ComputePipeline,
     cast: wgpu::ComputePipeline,
     compact_pixels: wgpu::ComputePipeline,
     compact_usage: wgpu::ComputePipeline,
@@ -107,6 +109,7 @@ impl Caster {
     pub fn new(gpu: &Gpu, pools: &PoolMemory) -> Result<Self, RuntimeError> {
         use wgpu::BufferUsages as B;
         let list_trees = gpu.compute_pipeline("list trees", LISTS, "list_trees");
+        let start_rays = gpu.compute_pipeline("start rays", BEAM, "start_rays");
         let cast = gpu.compute_pipeline("cast", CAST, "cast_rays");
         let compact_pixels = gpu.compute_pipeline("compact pixels", COMPACT, "compact_pixels");
         let compact_usage = gpu.compute_pipeline("compact usage", COMPACT, "compact_usage");
@@ -164,6 +167,7 @@ impl Caster {
         gpu.check()?;
         Ok(Self {
             list_trees,
+            start_rays,
             cast,
             compact_pixels,
             compact_usage,
@@ -262,6 +266,18 @@ impl Caster {
                 (2, lists.as_entire_binding()),
             ],
         );
+        let start_rays = gpu.bind(
+            &self.start_rays,
+            &[
+                (0, self.uniform.as_entire_binding()),
+                (1, self.trees.as_entire_binding()),
+                (2, pools.nodes.as_entire_binding()),
+                (3, pools.occupancy.as_entire_binding()),
+                (4, pools.brick_stamps.as_entire_binding()),
+                (5, pools.tile_stamps.as_entire_binding()),
+                (6, lists.as_entire_binding()),
+            ],
+        );
         let cast = gpu.bind(
             &self.cast,
             &[
@@ -301,6 +317,7 @@ impl Caster {
             output,
             lists,
             list_trees,
+            start_rays,
             cast,
             compact_pixels,
         });
@@ -340,11 +357,15 @@ impl Caster {
                 timestamp_writes: self.timestamps(1),
             });
             let [width, height] = frame.size;
+            let tile_groups = tiles(width, height).div_ceil(64);
             if frame.lists != 0 {
                 pass.set_pipeline(&self.list_trees);
                 pass.set_bind_group(0, &target.list_trees, &[]);
-                pass.dispatch_workgroups(tiles(width, height).div_ceil(64), 1, 1);
+                pass.dispatch_workgroups(tile_groups, 1, 1);
             }
+            pass.set_pipeline(&self.start_rays);
+            pass.set_bind_group(0, &target.start_rays, &[]);
+            pass.dispatch_workgroups(tile_groups, 1, 1);
             pass.set_pipeline(&self.cast);
             pass.set_bind_group(0, &target.cast, &[]);
             pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);

@@ -24,15 +24,15 @@
 // The trees that the rays of each tile may meet.
 @group(0) @binding(14) var<storage, read> lists: array<u32>;
 
-const MAX_LEVELS: u32 = 21u;
 // Requests that one ray may make.
 const MAX_REQUESTS: u32 = 16u;
-const FAR: f32 = 1e30;
 const SATURATED: f32 = 1.0 / 1024.0;
 
 // A ray's state across trees.
 // Its direction, of length 1.
 var<private> heading: vec3<f32>;
+// Depth before which it meets nothing.
+var<private> start: f32;
 var<private> rgb: vec3<f32>;
 var<private> transmittance: f32;
 var<private> requests_left: u32;
@@ -186,7 +186,7 @@ fn march(tree_index: u32, screen: vec2<f32>, direction: vec3<f32>, path_length: 
     let t_in = select(min(t_low, t_high), vec3(-FAR), parallel);
     let t_out = select(max(t_low, t_high), vec3(FAR), parallel);
     let enter = max(max(t_in.x, t_in.y), t_in.z);
-    var t = max(enter, -tree.depth0);
+    var t = max(enter, start - tree.depth0);
     let leave = min(min(t_out.x, t_out.y), t_out.z);
     if (!(t < leave)) {
         return;
@@ -442,16 +442,17 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     requests_left = select(0u, MAX_REQUESTS, (tile + frame.frame) % frame.request_share == 0u);
     // The trees that rays of its tile may meet, or all where there are more than a list holds.
     let list = (id.y / 8u * ((frame.size.x + 7u) / 8u) + id.x / 8u) * LIST_WORDS;
+    start = bitcast<f32>(lists[list + 1u]);
     var count = frame.tree_count;
     var listed = false;
-    if (frame.lists != 0u && lists[list] < LIST_WORDS) {
+    if (frame.lists != 0u && lists[list] <= LIST_TREES) {
         count = lists[list];
         listed = true;
     }
     for (var i = 0u; i < count; i++) {
         var tree = i;
         if (listed) {
-            tree = lists[list + 1u + i];
+            tree = lists[list + 2u + i];
         }
         march(tree, screen, direction, path_length);
         if (transmittance == 0.0) {
