@@ -9,7 +9,7 @@ use brickfell_formats::blocks::{NORMAL_SCALE, NORMAL_ZERO};
 use brickfell_formats::octree::TreeHeader;
 use brickfell_shaders::layout;
 
-use crate::caster::{Caster, Feedback, REQUEST_CAPACITY};
+use crate::caster::{Caster, Feedback, Kernel, REQUEST_CAPACITY};
 use crate::cpu::CpuCaster;
 use crate::error::RuntimeError;
 use crate::gpu::Gpu;
@@ -189,8 +189,8 @@ impl Backend {
         match self {
             Self::Gpu(b) => {
                 b.gpu.check()?;
-                let lights = [settings.shadows, settings.occlusion];
-                (b.caster).prepare(&b.gpu, &b.memory, [camera.width, camera.height], lights)
+                let size = [camera.width, camera.height];
+                (b.caster).prepare(&b.gpu, &b.memory, size, Kernel::of(settings))
             }
             Self::Cpu(_) => Ok(()),
         }

@@ -4,17 +4,19 @@
 //! Called by the render thread. A ring entry is in flight from its submission until its mapping callback has run; when all
 //! entries are in flight a frame goes without read-back.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 use std::time::Instant;
 
 use brickfell_shaders::layout::{self, COUNTER_WORDS, Request, TABLE_WORDS};
-use brickfell_shaders::{CAST, COMPACT, LISTS};
+use brickfell_shaders::{BEAM, CAST, COMPACT, LISTS};
 
 use crate::error::RuntimeError;
 use crate::gpu::Gpu;
 use crate::memory::PoolMemory;
 use crate::picture::{Picture, RayCounters};
+use crate::settings::{RenderSettings, Shows};
 
 /// Requests that fit a read-back.
 pub const REQUEST_CAPACITY: u32 = 8192;
@@ -24,6 +26,28 @@ pub const MAX_TREES: usize = 65_535;
 const RING: usize = 3;
 const QUERIES: u32 = 6;
 const COUNTER_BYTES: u64 = COUNTER_WORDS as u64 * 4;
+
+/// What a ray caster does besides the picture: each combination is compiled for itself, and costs nothing where it is not asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Kernel {
+    /// Surfaces hide the sun.
+    pub shadows: bool,
+    /// Surfaces hide the sky.
+    pub occlusion: bool,
+    /// What is shown.
+    pub shows: Shows,
+}
+
+impl Kernel {
+    /// What settings ask for.
+    pub fn of(settings: &RenderSettings) -> Self {
+        Self {
+            shadows: settings.shadows,
+            occlusion: settings.occlusion,
+            shows: settings.shows,
+        }
+    }
+}
 
 /// What a frame's rays reported.
 #[derive(Clone, Debug, Default)]
@@ -73,6 +97,7 @@ struct Target {
     view: wgpu::TextureView,
     lists: wgpu::Buffer,
     list_trees: wgpu::BindGroup,
+    start_rays: wgpu::BindGroup,
     cast: wgpu::BindGroup,
     compact_pixels: wgpu::BindGroup,
 }
@@ -81,10 +106,11 @@ struct Target {
 #[derive(Debug)]
 pub struct Caster {
     list_trees: wgpu::ComputePipeline,
-    /// For each set of lights that surfaces hide from each other, once it was asked for.
-    casts: [Option<wgpu::ComputePipeline>; 4],
-    /// The set in use.
-    lights: usize,
+    start_rays: wgpu::ComputePipeline,
+    /// Ray casters, each made when it was first asked for.
+    casts: HashMap<Kernel, wgpu::ComputePipeline>,
+    /// The one in use.
+    kernel: Kernel,
     compact_pixels: wgpu::ComputePipeline,
     compact_usage: wgpu::ComputePipeline,
     uniform: wgpu::Buffer,
@@ -111,6 +137,7 @@ impl Caster {
     pub fn new(gpu: &Gpu, pools: &PoolMemory) -> Result<Self, RuntimeError> {
         use wgpu::BufferUsages as B;
         let list_trees = gpu.compute_pipeline("list trees", LISTS, "list_trees");
+        let start_rays = gpu.compute_pipeline("start rays", BEAM, "start_rays");
         let compact_pixels = gpu.compute_pipeline("compact pixels", COMPACT, "compact_pixels");
         let compact_usage = gpu.compute_pipeline("compact usage", COMPACT, "compact_usage");
         let usage_words = pools.sizes.bricks().div_ceil(32) + pools.sizes.tiles.div_ceil(32);
@@ -167,8 +194,9 @@ impl Caster {
         gpu.check()?;
         Ok(Self {
             list_trees,
-            casts: [const { None }; 4],
-            lights: 0,
+            start_rays,
+            casts: HashMap::new(),
+            kernel: Kernel::default(),
             compact_pixels,
             compact_usage,
             uniform,
@@ -197,8 +225,7 @@ impl Caster {
         fixed + ring + target
     }
 
-    /// Makes kernel and buffers fit a picture: its size, and whether surfaces hide the sun and the sky from each other. A kernel is
-    /// compiled when it is first asked for.
+    /// Makes buffers fit a picture of a size, and the kernel what is asked for; a kernel is compiled when it is first asked for.
     ///
     /// # Errors
     /// If the size is zero or beyond the device's limits.
@@ -207,20 +234,20 @@ impl Caster {
         gpu: &Gpu,
         pools: &PoolMemory,
         [width, height]: [u32; 2],
-        [shadows, occlusion]: [bool; 2],
+        kernel: Kernel,
     ) -> Result<(), RuntimeError> {
-        let lights = usize::from(shadows) + 2 * usize::from(occlusion);
-        let fits = |t: &Target| (t.width, t.height, self.lights) == (width, height, lights);
+        let fits = |t: &Target| (t.width, t.height, self.kernel) == (width, height, kernel);
         if self.target.as_ref().is_some_and(fits) {
             return Ok(());
         }
-        self.lights = lights;
-        let kernel = &*self.casts[lights].get_or_insert_with(|| {
-            let cones = [
-                ("SUN_CONES", f64::from(u8::from(shadows))),
-                ("SKY_CONES", 6.0 * f64::from(u8::from(occlusion))),
+        self.kernel = kernel;
+        let cast = &*(self.casts.entry(kernel)).or_insert_with(|| {
+            let constants = [
+                ("SUN_CONES", f64::from(u8::from(kernel.shadows))),
+                ("SKY_CONES", 6.0 * f64::from(u8::from(kernel.occlusion))),
+                ("SHOWS", f64::from(kernel.shows as u8)),
             ];
-            gpu.compute_pipeline_with("cast", CAST, "cast_rays", &cones)
+            gpu.compute_pipeline_with("cast", CAST, "cast_rays", &constants)
         });
         let limits = gpu.device.limits();
         let refuse = |reason: String| {
@@ -276,8 +303,20 @@ impl Caster {
                 (2, lists.as_entire_binding()),
             ],
         );
+        let start_rays = gpu.bind(
+            &self.start_rays,
+            &[
+                (0, self.uniform.as_entire_binding()),
+                (1, self.trees.as_entire_binding()),
+                (2, pools.nodes.as_entire_binding()),
+                (3, pools.occupancy.as_entire_binding()),
+                (4, pools.brick_stamps.as_entire_binding()),
+                (5, pools.tile_stamps.as_entire_binding()),
+                (6, lists.as_entire_binding()),
+            ],
+        );
         let cast = gpu.bind(
-            kernel,
+            cast,
             &[
                 (0, self.uniform.as_entire_binding()),
                 (1, self.trees.as_entire_binding()),
@@ -313,6 +352,7 @@ impl Caster {
             view,
             lists,
             list_trees,
+            start_rays,
             cast,
             compact_pixels,
         });
@@ -358,12 +398,16 @@ impl Caster {
                 timestamp_writes: self.timestamps(1),
             });
             let [width, height] = frame.size;
+            let tile_groups = tiles(width, height).div_ceil(64);
             if frame.lists != 0 {
                 pass.set_pipeline(&self.list_trees);
                 pass.set_bind_group(0, &target.list_trees, &[]);
-                pass.dispatch_workgroups(tiles(width, height).div_ceil(64), 1, 1);
+                pass.dispatch_workgroups(tile_groups, 1, 1);
             }
-            pass.set_pipeline(self.casts[self.lights].as_ref()?);
+            pass.set_pipeline(&self.start_rays);
+            pass.set_bind_group(0, &target.start_rays, &[]);
+            pass.dispatch_workgroups(tile_groups, 1, 1);
+            pass.set_pipeline(self.casts.get(&self.kernel)?);
             pass.set_bind_group(0, &target.cast, &[]);
             pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
         }

@@ -155,7 +155,7 @@ pub const AXES: u32 = 1 << 29;
 /// Bits of a node's first word: the tile of its children in the pool.
 pub const POINTER: u32 = AXES - 1;
 
-/// Words of the list of trees of a tile of 8×8 pixels: their number, then those that fit.
+/// Words of the list of trees of a tile of 8×8 pixels: their number, where its rays begin, then the trees that fit.
 pub const LIST_WORDS: usize = 128;
 
 /// Words that tell where a brick shows anything: two of cells, the others of gaps between samples.

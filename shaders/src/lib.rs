@@ -15,6 +15,9 @@ pub const CAST: &str = concat!(
 /// Lists of trees: entry point `list_trees`, 64 tiles of 8×8 pixels.
 pub const LISTS: &str = concat!(include_str!("wgsl/frame.wgsl"), include_str!("wgsl/lists.wgsl"));
 
+/// Where rays begin: entry point `start_rays`, 64 tiles of 8×8 pixels.
+pub const BEAM: &str = concat!(include_str!("wgsl/frame.wgsl"), include_str!("wgsl/beam.wgsl"));
+
 /// Feedback compaction: entry points `compact_pixels` (64 spans of 64 pixels) and `compact_usage` (64 words).
 pub const COMPACT: &str = concat!(include_str!("wgsl/frame.wgsl"), include_str!("wgsl/compact.wgsl"));
 
@@ -74,6 +77,7 @@ mod tests {
     fn every_source_validates_and_shares_its_layout_with_rust() {
         let cast = module(CAST);
         module(LISTS);
+        module(BEAM);
         module(COMPACT);
         let scatter = module(SCATTER);
         let present = module(PRESENT);

@@ -24,16 +24,16 @@
 // The trees that the rays of each tile may meet.
 @group(0) @binding(14) var<storage, read> lists: array<u32>;
 
-const MAX_LEVELS: u32 = 21u;
 // Requests that one ray may make.
 const MAX_REQUESTS: u32 = 16u;
-const FAR: f32 = 1e30;
 const SATURATED: f32 = 1.0 / 1024.0;
 
 // Cones toward the sun, 1 or none, and toward the sky, 6 or none, that begin where a pixel's ray has lost half of its light, to find
 // what hides these lights (runtime/src/march/light.rs has the rules).
 override SUN_CONES: u32 = 0u;
 override SKY_CONES: u32 = 0u;
+// What is shown instead of the terrain: 0 nothing, else as `Shows` in runtime/src/settings.rs counts.
+override SHOWS: u32 = 0u;
 
 // What the rays of a pixel have in common: screen coordinates, and the direction, world metres per metre of depth.
 var<private> screen: vec2<f32>;
@@ -47,17 +47,24 @@ var<private> cone_start: f32;
 var<private> direction: vec3<f32>;
 var<private> width: f32;
 
-// The surface that a pixel's ray sees, if there are cones: sums over what is lit, and of depths, by what each adds to the opacity, the
+// The surface that a pixel's ray sees, if that is asked for: sums over what is lit, and of depths, by what each adds to the opacity, the
 // depth where half of the light is lost (below 0 until it is), and the finest voxel there.
 var<private> facing: vec3<f32>;
 var<private> lit: vec2<f32>;
 var<private> mean_depth: f32;
 var<private> half_depth: f32;
 var<private> finest: f32;
+// The node there: tree in the list, level, the place in it, and whether it stands in for what is not there.
+var<private> seen_tree: u32;
+var<private> seen_level: u32;
+var<private> seen_local: vec3<f32>;
+var<private> seen_missing: bool;
 
 // A ray's state across trees.
 // Its direction, of length 1.
 var<private> heading: vec3<f32>;
+// Depth before which it meets nothing.
+var<private> start: f32;
 var<private> rgb: vec3<f32>;
 var<private> transmittance: f32;
 var<private> requests_left: u32;
@@ -76,11 +83,12 @@ struct Light {
 }
 
 // Notes what light that is about to be added, `dz` metres from depth `z` on, has of the surface that is seen.
-fn note(light: Light, z: f32, dz: f32, voxel: f32) {
+// Returns whether half of the light was still there.
+fn note(light: Light, z: f32, dz: f32, voxel: f32) -> bool {
     facing += transmittance * light.facing;
     lit += transmittance * light.lit;
     if (half_depth >= 0.0) {
-        return;
+        return false;
     }
     finest = voxel;
     mean_depth += transmittance * light.a * (z + 0.5 * dz);
@@ -88,6 +96,7 @@ fn note(light: Light, z: f32, dz: f32, voxel: f32) {
     if (after <= 0.5) {
         half_depth = z + dz * log2(2.0 * transmittance) / log2(transmittance / max(after, 1e-30));
     }
+    return true;
 }
 
 fn composite(light: Light) {
@@ -215,7 +224,7 @@ fn march(tree_index: u32, path_length: f32) {
     let tree = trees[tree_index];
     var origin = tree.base + screen.x * tree.base_x + screen.y * tree.base_y;
     var depth0 = tree.depth0;
-    var first = -depth0;
+    var first = start - depth0;
     if (is_cone) {
         origin += (sight * (depth - depth0) + lift) * tree.inv_voxel;
         depth0 = cone_start;
@@ -259,6 +268,7 @@ fn march(tree_index: u32, path_length: f32) {
     var alone = true;       // the node is used without its parent
     var shown = vec2(0u);   // cells of the node, and of its parent if that is used, that show anything
     var parent_shown = vec2(0u);
+    var missing = false;    // the node stands in for what is not there
     var t_change = FAR;     // where the pair of levels in hand gives way to another
     var parts = frame.segment_samples; // of the segment, from here on
     var fine = 0u;          // level wanted where the segment begins, and its share
@@ -331,7 +341,8 @@ fn march(tree_index: u32, path_length: f32) {
                 stacked = level;
                 reached = level;
                 alone = level < fine || level == 0u || !fading;
-                if ((level < fine && (word.x & TERMINAL) == 0u) || !has_data(word)) {
+                missing = (level < fine && (word.x & TERMINAL) == 0u) || !has_data(word);
+                if (missing) {
                     ask(tree_index, fine, cell, tree.depth + 3u - fine);
                     alone = true;
                     while (level > 0u && !has_data(word)) {
@@ -451,6 +462,7 @@ fn march(tree_index: u32, path_length: f32) {
         // Node and parent in a loop, so that the code that reads bricks stands in the kernel once: on lavapipe the
         // same kernel with two copies of it takes half as long again.
         let reads = texture_reads;
+        let place = local;
         var s = (t_next - t) * path_length * tree.inv_voxel * exp2(-f32(voxel_shift));
         var drawn = word;
         var share = select(weight, 1.0, alone || closed);
@@ -471,8 +483,13 @@ fn march(tree_index: u32, path_length: f32) {
         }
         samples += u32(texture_reads != reads);
         if (light.a > 0.0) {
-            if (SUN_CONES + SKY_CONES > 0u && !is_cone) {
-                note(light, depth0 + t, t_next - t, 1.0 / tree.inv_voxel);
+            if (SUN_CONES + SKY_CONES + SHOWS > 0u && !is_cone) {
+                if (note(light, depth0 + t, t_next - t, 1.0 / tree.inv_voxel)) {
+                    seen_tree = tree_index;
+                    seen_level = level;
+                    seen_local = place;
+                    seen_missing = missing;
+                }
             }
             composite(light);
         }
@@ -480,6 +497,39 @@ fn march(tree_index: u32, path_length: f32) {
             return;
         }
     }
+}
+
+// A colour for a number, unlike those of its neighbours.
+fn hue(k: u32) -> vec3<f32> {
+    let h = fract(f32(k) * 0.381966);
+    return clamp(abs(fract(h + vec3(0.0, 2.0 / 3.0, 1.0 / 3.0)) * 6.0 - 3.0) - 1.0, vec3(0.05), vec3(0.9));
+}
+
+// What is shown in the place of a pixel's colour.
+fn shown_instead(color: vec4<f32>) -> vec4<f32> {
+    let n = facing / max(length(facing), 1e-6);
+    let shade = color.a * (0.4 + 0.6 * max(0.0, dot(n, frame.sun.xyz)));
+    if (SHOWS == 1u) {
+        return vec4(hue(seen_level) * shade, color.a);
+    }
+    if (SHOWS == 2u) {
+        // Faces that the surface lies in are not shown.
+        let edge = min(seen_local, 8.0 - seen_local);
+        let near = (edge < vec3(0.25)) & (abs(n) < vec3(0.8));
+        return vec4(color.rgb * select(1.0, 0.1, any(near)), color.a);
+    }
+    if (SHOWS == 3u) {
+        let x = min(f32(node_reads + samples) / 96.0, 1.0);
+        return vec4(clamp(vec3(2.0 * x - 1.0, 1.0 - abs(2.0 * x - 1.0), 1.0 - 2.0 * x), vec3(0.0), vec3(1.0)), 1.0);
+    }
+    if (SHOWS == 4u) {
+        let grey = dot(color.rgb, vec3(0.2126, 0.7152, 0.0722));
+        return vec4(select(vec3(grey), vec3(color.a, 0.2 * grey, 0.0), seen_missing), color.a);
+    }
+    if (SHOWS == 5u) {
+        return vec4(hue(seen_tree) * shade, color.a);
+    }
+    return vec4((0.5 + 0.5 * n) * color.a, color.a);
 }
 
 // Begins a cone from the surface that a pixel of opacity `a` sees; returns the share of the pixel's light that comes along it.
@@ -524,7 +574,8 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     requests_left = select(0u, MAX_REQUESTS, (tile + frame.frame) % frame.request_share == 0u);
     // The trees that rays of its tile may meet, or all where there are more than a list holds.
     let list = (id.y / 8u * ((frame.size.x + 7u) / 8u) + id.x / 8u) * LIST_WORDS;
-    let is_listed = frame.lists != 0u && lists[list] < LIST_WORDS;
+    start = bitcast<f32>(lists[list + 1u]);
+    let is_listed = frame.lists != 0u && lists[list] <= LIST_TREES;
     half_depth = -1.0;
     var color = vec4(0.0);
     var kept = 1.0;
@@ -550,7 +601,7 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var i = 0u; i < count; i++) {
             var tree = i;
             if (listed) {
-                tree = lists[list + 1u + i];
+                tree = lists[list + 2u + i];
             }
             march(tree, path_length);
             if (transmittance == 0.0) {
@@ -559,7 +610,7 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
         }
         if (k == 0u) {
             color = vec4(rgb, 1.0 - transmittance);
-            if (dot(facing, facing) < 1e-12) {
+            if (SUN_CONES + SKY_CONES == 0u || dot(facing, facing) < 1e-12) {
                 break;
             }
         } else {
@@ -572,6 +623,9 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     if (!all(abs(color) < vec4(1e6))) {
         color = vec4(0.0);
         flags |= FLAG_NOT_FINITE;
+    }
+    if (SHOWS > 0u) {
+        color = shown_instead(color);
     }
     textureStore(output, id.xy, color);
     feedback[id.y * frame.size.x + id.x] =

@@ -105,8 +105,14 @@ const FLAG_NOT_FINITE: u32 = 1u << 30u;
 const COUNTER_WORDS: u32 = 16u;
 const TABLE_WORDS: u32 = 16384u;
 
-// Words of a tile's list: how many trees there are, which may be more than fit, then those that do, front to back.
+// Words of a tile's list: how many trees there are, which may be more than fit; the depth at which its rays begin, as f32; then the
+// trees that fit, front to back.
 const LIST_WORDS: u32 = 128u;
+const LIST_TREES: u32 = LIST_WORDS - 2u;
+
+// Levels that a tree may have, and a depth beyond all others.
+const MAX_LEVELS: u32 = 21u;
+const FAR: f32 = 1e30;
 
 // Words that tell where a brick shows anything: two with a bit for each cell of 2³ voxels (x + 4y + 16z), then one for each place
 // between 2³ neighbouring samples (x + 9y + 81z).

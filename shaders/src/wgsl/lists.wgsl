@@ -41,8 +41,8 @@ fn list_trees(@builtin(global_invocation_id) id: vec3<u32>) {
         );
         if (min(sides, most(forward, box_low, box_high)) >= 0.0) {
             count += 1u;
-            if (count < LIST_WORDS) {
-                lists[at + count] = i;
+            if (count <= LIST_TREES) {
+                lists[at + 1u + count] = i;
             }
         }
     }

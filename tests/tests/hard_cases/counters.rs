@@ -1,11 +1,10 @@
-//! The counters that every picture of these tests finds at 0 can count.
+//! The counters that every picture of these tests finds at 0 can count; what no ray comes to is in use nevertheless.
 
 use std::sync::Arc;
 
 use brickfell_formats::chunk::Layers;
-use brickfell_runtime::caster::{Caster, REQUEST_CAPACITY};
+use brickfell_runtime::caster::{Caster, Feedback, Kernel, REQUEST_CAPACITY};
 use brickfell_runtime::memory::{PoolMemory, PoolSizes};
-use brickfell_runtime::picture::RayCounters;
 use brickfell_runtime::reference::Reference;
 use brickfell_shaders::layout;
 
@@ -41,13 +40,14 @@ fn pixels_that_are_not_finite_are_counted() {
     });
 }
 
-/// Casts 8×8 rays through one tree of a single empty brick, of which the record may be changed.
-fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
+/// Casts 8×8 rays through one tree of a single empty brick, with a cap on their steps. Segments of up to two voxels pass over
+/// what is empty, longer ones are sampled.
+fn cast(segment_shift: u32, max_steps: u32) -> Feedback {
     let gpu = world::gpu();
     let sizes = PoolSizes::fit(1 << 20, Centre, Layers::Plain, false, &gpu.device.limits()).unwrap();
     let mut memory = PoolMemory::new(&gpu, sizes).unwrap();
     let mut caster = Caster::new(&gpu, &memory).unwrap();
-    caster.prepare(&gpu, &memory, [8, 8], [false, false]).unwrap();
+    caster.prepare(&gpu, &memory, [8, 8], Kernel::default()).unwrap();
     let frame = layout::Frame {
         size: [8, 8],
         tree_count: 1,
@@ -65,12 +65,13 @@ fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
         node_tiles: sizes.tiles,
         request_capacity: REQUEST_CAPACITY,
         request_share: 1,
+        segment_shift,
         segment_samples: 1,
         slot: [10, 10, 10, 0],
         ..Default::default()
     };
     // Eight voxels of a metre, from 1 m before the eye.
-    let mut tree = layout::Tree {
+    let tree = layout::Tree {
         base: [0.0, 0.5, 0.5],
         cell: [-1, 4, 4],
         inv_voxel: 1.0,
@@ -78,11 +79,10 @@ fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
         gain: 1.0,
         texel_offset: 1.0,
         rim: 1,
-        max_steps: 96,
+        max_steps,
         high: [8; 3],
         ..Default::default()
     };
-    change(&mut tree);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let root = [8, layout::TERMINAL | layout::BRICK, 1, 0];
     memory.upload(&gpu, &mut encoder, &[root], &[], None);
@@ -92,7 +92,7 @@ fn cast(change: impl Fn(&mut layout::Tree)) -> RayCounters {
     gpu.wait().unwrap();
     loop {
         if let Some(feedback) = caster.collect(&gpu, &memory).pop() {
-            return feedback.counters;
+            return feedback;
         }
         std::thread::yield_now();
     }
@@ -103,9 +103,17 @@ fn rays_that_need_more_steps_than_their_cap_are_counted() {
     exactly(
         "counters::rays_that_need_more_steps_than_their_cap_are_counted",
         || {
-            assert_eq!(cast(|_| ()).capped, 0);
-            // Nothing is in the brick, so its halves are passed in a step each.
-            assert_eq!(cast(|tree| tree.max_steps = 1).capped, 64);
+            assert_eq!(cast(2, 96).counters.capped, 0);
+            assert_eq!(cast(2, 1).counters.capped, 64);
         },
     );
+}
+
+#[test]
+fn what_rays_begin_behind_is_in_use() {
+    exactly("counters::what_rays_begin_behind_is_in_use", || {
+        let feedback = cast(0, 1);
+        assert_eq!(feedback.counters.capped, 0, "a ray came to the brick");
+        assert_eq!((feedback.used_bricks[0], feedback.used_tiles[0]), (1, 1 << 1));
+    });
 }
