@@ -29,8 +29,11 @@ use crate::texture_pool::{TexturePoolManager, UploadBatch, priority};
 
 /// Frames after which an unseen tree is released.
 const TREE_KEEP_FRAMES: u64 = 300;
-/// Milliseconds of a real-time frame that uploads may take.
+/// Milliseconds of a real-time frame that uploads may take, or the part of a cast if that is more: where casts are slow it would else
+/// take long until the picture is sharp.
 const UPLOAD_BUDGET_MS: f64 = 4.0;
+/// See [`UPLOAD_BUDGET_MS`].
+const UPLOAD_SHARE: f64 = 0.2;
 
 /// Budgets and threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -231,7 +234,8 @@ impl Renderer {
     /// # Errors
     /// If no picture can be made of the camera and the settings, or not of this size, or the device failed.
     pub fn frame(&mut self, camera: &Camera, settings: &RenderSettings) -> Result<FrameReport, RuntimeError> {
-        let limit = (UPLOAD_BUDGET_MS / self.ms_per_brick).clamp(1.0, MAX_UPLOAD_BRICKS as f64) as usize;
+        let budget = UPLOAD_BUDGET_MS.max(UPLOAD_SHARE * self.feedback.gpu_ms[1]);
+        let limit = (budget / self.ms_per_brick).clamp(1.0, MAX_UPLOAD_BRICKS as f64) as usize;
         let prepared = self.prepare(camera, settings, limit)?;
         self.draw(camera, settings, prepared)
     }

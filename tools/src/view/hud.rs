@@ -126,6 +126,7 @@ impl Hud {
         if self.help {
             egui::Window::new("Keys")
                 .default_pos([300.0, 10.0])
+                .vscroll(true)
                 .show(ctx, |ui| {
                     egui::Grid::new("keys").striped(true).show(ui, |ui| {
                         let keys = BINDINGS.iter().map(|b| (b.label, b.about));
@@ -145,7 +146,8 @@ impl Hud {
             egui::Area::new(egui::Id::unique("words"))
                 .anchor(egui::Align2::CENTER_BOTTOM, [0.0, -16.0])
                 .show(ctx, |ui| {
-                    egui::Frame::popup(ui.style()).show(ui, |ui| ui.label(words.join("\n")));
+                    egui::Frame::popup(ui.style())
+                        .show(ui, |ui| ui.add(egui::Label::new(words.join("\n")).extend()));
                 });
         }
         asked

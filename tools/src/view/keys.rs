@@ -47,6 +47,16 @@ pub(super) enum Action {
     Quit,
 }
 
+impl Action {
+    /// Whether the camera goes elsewhere than along a path that is flown.
+    pub(super) fn moves(self) -> bool {
+        matches!(
+            self,
+            Self::Go(_) | Self::NextMode | Self::Mode(_) | Self::Home | Self::GoTo
+        )
+    }
+}
+
 /// A key and what it does.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Binding {

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
-use brickfell_culler::Camera;
+use brickfell_culler::{Camera, VisibleTree};
 use brickfell_pager::Store;
 use brickfell_runtime::Device;
 use brickfell_runtime::error::RuntimeError;
@@ -294,8 +294,11 @@ impl Live {
             camera,
             ..
         } = &mut self.flown;
+        if action.moves() {
+            tape.stop();
+        }
         match action {
-            Action::Go(_) | Action::Fast => tape.stop(),
+            Action::Go(_) | Action::Fast => {}
             Action::NextMode => {
                 rig.set_mode(rig.mode().next());
                 hud.say(rig.mode().name());
@@ -461,6 +464,9 @@ impl Live {
                 _ => {}
             }
         }
+        if wish.turn != DVec2::ZERO || wish.wheel != 0.0 {
+            tape.stop();
+        }
         let before = rig.view();
         let place = rig.advance(&wish, dt);
         if let Some((eye, target)) = tape.advance(dt, rig.view()) {
@@ -537,7 +543,8 @@ impl Live {
                     lines.cuboid(&tree.bounds, &format!("{}", k + 1), color);
                 }
                 if let Some(frozen) = &flown.frozen {
-                    let depth = renderer.visible().iter().map(|t| t.distance).fold(1.0, f64::max);
+                    let reach = |t: &VisibleTree| t.bounds.center().distance(frozen.eye);
+                    let depth = renderer.visible().iter().map(reach).fold(1.0, f64::max);
                     lines.pyramid(frozen, depth, Color32::RED);
                 }
             }
@@ -563,7 +570,7 @@ impl Live {
         texture: &wgpu::SurfaceTexture,
         size: [u32; 2],
         camera: &Camera,
-        output: egui::FullOutput,
+        mut output: egui::FullOutput,
     ) {
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         let ctx = self.input.egui_ctx();
@@ -603,6 +610,7 @@ impl Live {
         for id in &output.textures_delta.free {
             self.painter.free_texture(id);
         }
+        output.textures_delta.clear();
     }
 }
 
