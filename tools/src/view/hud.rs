@@ -80,11 +80,17 @@ impl Hud {
         pager: &PagerStats,
         whole_ms: f64,
     ) {
+        let cast = feedback.gpu_ms[1];
         let parts = [
             report.cull_ms + report.merge_ms,
             report.upload_ms,
-            report.submit_ms,
-            feedback.gpu_ms[1],
+            // The CPU casts while it submits.
+            if report.submit_ms > cast {
+                report.submit_ms - cast
+            } else {
+                report.submit_ms
+            },
+            cast,
         ];
         let other = (whole_ms - parts.iter().sum::<f64>()).max(0.0);
         self.frames
@@ -106,7 +112,7 @@ impl Hud {
             return [0.0; 2];
         };
         let seconds = (last.0 - first.0).as_secs_f64().max(1e-3);
-        [last.1 - first.1, last.2 - first.2].map(|bytes| bytes as f64 / seconds)
+        [last.1.saturating_sub(first.1), last.2.saturating_sub(first.2)].map(|bytes| bytes as f64 / seconds)
     }
 
     /// Lays everything out.
@@ -117,6 +123,7 @@ impl Hud {
                 .default_pos([10.0, 10.0])
                 .default_width(270.0)
                 .resizable(false)
+                .vscroll(true)
                 .show(ctx, |ui| {
                     self.graph(ui);
                     self.figures(ui, seen, kept);

@@ -152,11 +152,7 @@ impl Live {
         before: Option<Live>,
     ) -> Result<Self, CommandError> {
         let title = format!("brickfell – {}", args.dir.display());
-        let (old_window, flown) = match before {
-            // What is on the lost device goes before the new one comes.
-            Some(Live { window, flown, .. }) => (Some(window), Some(flown)),
-            None => (None, None),
-        };
+        let (old_window, flown) = before.map(Live::into_parts).unzip();
         let window = match old_window {
             Some(window) => window,
             None => {
@@ -207,6 +203,11 @@ impl Live {
             scene,
             flown,
         })
+    }
+
+    /// What outlasts a device; all that is on it goes, so that another surface may have the window.
+    fn into_parts(self) -> (Arc<Window>, Flown) {
+        (self.window, self.flown)
     }
 
     /// Takes an event; true if the window is to be closed.

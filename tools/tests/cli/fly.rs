@@ -342,3 +342,38 @@ fn the_cpu_flies_settled_and_in_real_time() {
         }
     }
 }
+
+#[cfg(unix)]
+#[test]
+fn a_video_is_made_where_there_is_a_program_for_it() {
+    use std::os::unix::fs::PermissionsExt;
+    let (out, programs) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let fly = || {
+        run(Command::new(env!("CARGO_BIN_EXE_brickfell"))
+            .args([
+                "fly", "--cpu", "--settle", "--frames", "2", "--size", "48x32", "--video", "--out",
+            ])
+            .args([out.path(), &shared().join("db")])
+            .env("PATH", programs.path()))
+    };
+    // None, one that fails, one that does what it is asked for: to write its last argument from the frames.
+    let made = out.path().join("flight.mp4");
+    let none = fly();
+    assert!(
+        none.success().contains("2 frames") && none.err.contains("no video"),
+        "{}",
+        none.err
+    );
+    let program = programs.path().join("ffmpeg");
+    let write = |text: &str| {
+        fs::write(&program, format!("#!/bin/sh\n{text}\n")).unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    };
+    write("echo no room >&2; exit 1");
+    assert!(fly().error(1).contains("no room") && !made.exists());
+    write("for last; do :; done; echo \"$@\" > \"$last\"");
+    assert!(fly().success().contains("flight.mp4"));
+    assert!(fs::read_to_string(&made).unwrap().contains("frame_%04d.png"));
+    // It is the flight's own: the next one replaces it.
+    fly().success();
+}

@@ -3,14 +3,14 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use brickfell::flight::Flight;
 use tempfile::TempDir;
 
-use crate::common::shared;
+use crate::common::copy_of_database;
 
 /// The longest that anything in the window may take: frames of software devices take long.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -21,7 +21,9 @@ struct Ends(Child);
 impl Drop for Ends {
     fn drop(&mut self) {
         // Not killed: a server takes its lock with it when it is asked to end.
-        let _ = Command::new("kill").arg(self.0.id().to_string()).status();
+        if let Ok(None) = self.0.try_wait() {
+            let _ = Command::new("kill").arg(self.0.id().to_string()).status();
+        }
         let _ = self.0.wait();
     }
 }
@@ -32,6 +34,7 @@ struct Stage {
     program: Ends,
     display: String,
     window: String,
+    db: TempDir,
     folder: TempDir,
 }
 
@@ -88,10 +91,7 @@ fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
 impl Stage {
     /// A window over a copy of the small database.
     fn open(args: &[&str]) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let db = folder.path().join("db");
-        fs::create_dir(&db).unwrap();
-        copy(&shared().join("db"), &db);
+        let (db, folder) = (copy_of_database(), tempfile::tempdir().unwrap());
         let mut server = Command::new("Xvfb")
             .args([
                 "-displayfd",
@@ -114,7 +114,7 @@ impl Stage {
         let program = Command::new(env!("CARGO_BIN_EXE_brickfell"))
             .args(["view", "--size", "480x360", "--shots"])
             .arg(folder.path())
-            .arg(&db)
+            .arg(db.path())
             .args(args)
             .env("DISPLAY", &display)
             .env_remove("WAYLAND_DISPLAY")
@@ -127,6 +127,7 @@ impl Stage {
             program: Ends(program),
             display,
             window: String::new(),
+            db,
             folder,
         };
         stage.window = until("a window", || {
@@ -210,19 +211,6 @@ impl Stage {
         let said = self.said();
         assert!(code.success() && !said.contains("panicked"), "{code}: {said}");
         self.folder
-    }
-}
-
-fn copy(from: &Path, to: &Path) {
-    for entry in fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        if entry.file_type().unwrap().is_dir() {
-            fs::create_dir(&target).unwrap();
-            copy(&entry.path(), &target);
-        } else {
-            fs::copy(entry.path(), target).unwrap();
-        }
     }
 }
 
@@ -321,7 +309,7 @@ fn a_scene_that_changes_is_opened_again_and_a_broken_one_is_not() {
         stage.key(key);
         before = stage.changes(key, &before, PICTURE);
     }
-    let scene = stage.path("db/scene.xml");
+    let scene = stage.db.path().join("scene.xml");
     let sound = fs::read_to_string(&scene).unwrap();
     fs::write(&scene, "<PagedScene").unwrap();
     std::thread::sleep(Duration::from_millis(1500));
