@@ -17,6 +17,8 @@ use crate::commands::view_args::parse_point;
 
 /// Frames in the graph.
 const FRAMES: usize = 120;
+/// Height of all figures and sliders, where the window is as high.
+const TALL: f32 = 560.0;
 /// How long words stay.
 const STAY: Duration = Duration::from_secs(6);
 /// Stages of a frame and their colours in the graph.
@@ -122,6 +124,7 @@ impl Hud {
             egui::Window::new("brickfell")
                 .default_pos([10.0, 10.0])
                 .default_width(270.0)
+                .default_height(TALL)
                 .resizable(false)
                 .vscroll(true)
                 .show(ctx, |ui| {
@@ -133,6 +136,7 @@ impl Hud {
         if self.help {
             egui::Window::new("Keys")
                 .default_pos([300.0, 10.0])
+                .default_height(TALL)
                 .vscroll(true)
                 .show(ctx, |ui| {
                     egui::Grid::new("keys").striped(true).show(ui, |ui| {

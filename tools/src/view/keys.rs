@@ -199,4 +199,13 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn the_manual_has_all_keys() {
+        let manual = include_str!("../../../docs/manual.md");
+        let keys = BINDINGS.iter().map(|b| (b.label, b.about));
+        for (label, about) in keys.chain(MOUSE.iter().copied()) {
+            assert!(manual.contains(&format!("| {label} | {about} |")), "{label}");
+        }
+    }
 }
