@@ -5,6 +5,7 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use brickfell::flight::Flight;
@@ -28,6 +29,9 @@ impl Drop for Ends {
     }
 }
 
+/// One at a time: servers that start together may choose the same display.
+static ONE: Mutex<()> = Mutex::new(());
+
 /// A display of its own with the program's window on it.
 struct Stage {
     _server: Ends,
@@ -36,6 +40,7 @@ struct Stage {
     window: String,
     db: TempDir,
     folder: TempDir,
+    _only: MutexGuard<'static, ()>,
 }
 
 /// What a window shows, RGB.
@@ -89,8 +94,9 @@ fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
 }
 
 impl Stage {
-    /// A window over a copy of the small database.
-    fn open(args: &[&str]) -> Self {
+    /// A window over a copy of the small database, on a monitor of so many pixels to a point.
+    fn open(args: &[&str], monitor_scale: &str) -> Self {
+        let only = ONE.lock().unwrap_or_else(PoisonError::into_inner);
         let (db, folder) = (copy_of_database(), tempfile::tempdir().unwrap());
         let mut server = Command::new("Xvfb")
             .args([
@@ -117,6 +123,7 @@ impl Stage {
             .arg(db.path())
             .args(args)
             .env("DISPLAY", &display)
+            .env("WINIT_X11_SCALE_FACTOR", monitor_scale)
             .env_remove("WAYLAND_DISPLAY")
             .env("XDG_CONFIG_HOME", folder.path().join("config"))
             .stderr(Stdio::piped())
@@ -129,6 +136,7 @@ impl Stage {
             window: String::new(),
             db,
             folder,
+            _only: only,
         };
         stage.window = until("a window", || {
             if stage.program.0.try_wait().unwrap().is_some() {
@@ -224,7 +232,7 @@ fn the_window_flies_by_keys_and_mouse_and_keeps_what_it_is_told() {
     if !installed(&TOOLS) {
         return;
     }
-    let stage = Stage::open(&["--cpu"]);
+    let stage = Stage::open(&["--cpu"], "1");
 
     // Figures go and come back.
     let with = stage.shot();
@@ -260,8 +268,11 @@ fn the_window_flies_by_keys_and_mouse_and_keeps_what_it_is_told() {
     let asked = stage.shot();
     stage.key("Return");
     let there = stage.changes("the place", &asked, PICTURE);
+    stage.xdotool(&["mousemove", "--window", &stage.window, "380", "200"]);
+    stage.xdotool(&["click", "--repeat", "2", "--delay", "120", "1"]);
+    let near = stage.changes("the point of a double-click", &there, PICTURE);
     stage.key("v");
-    let walk = stage.changes("the ground", &there, PICTURE);
+    let walk = stage.changes("the ground", &near, PICTURE);
     stage.key("Home");
     stage.changes("home", &walk, PICTURE);
 
@@ -299,7 +310,7 @@ fn a_scene_that_changes_is_opened_again_and_a_broken_one_is_not() {
     if !installed(&TOOLS) {
         return;
     }
-    let stage = Stage::open(&["--gpu"]);
+    let stage = Stage::open(&["--gpu"], "1.5");
     stage.key("Tab");
     std::thread::sleep(Duration::from_millis(500));
 
