@@ -2,18 +2,13 @@
 
 use std::collections::HashSet;
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 use brickfell_culler::{Camera, VisibleTree};
-use brickfell_pager::Store;
 use brickfell_runtime::Device;
 use brickfell_runtime::error::RuntimeError;
-use brickfell_runtime::gpu::Gpu;
-use brickfell_runtime::present::Presenter;
-use brickfell_runtime::renderer::{FrameReport, Renderer, RendererConfig};
+use brickfell_runtime::renderer::FrameReport;
 use brickfell_runtime::settings::{RenderSettings, Shows, sun_direction};
-use brickfell_runtime::terrain::{SCENE_FILE, Terrain};
-use brickfell_runtime::window::WindowSurface;
 use egui::Color32;
 use glam::{DVec2, DVec3, dvec2};
 use winit::dpi::PhysicalSize;
@@ -27,12 +22,14 @@ use super::hud::{Hud, Seen};
 use super::keep::Kept;
 use super::keys::{Action, action};
 use super::overlay::Lines;
-use super::probe::{Answer, Probe, Question};
+use super::probe::{Answer, Question};
 use super::rig::{Rig, Wish};
+use super::scene::Scene;
+use super::screen::Screen;
 use super::tape::Tape;
-use crate::commands::fly::{data_bounds, no_tree};
+use crate::commands::CommandError;
+use crate::commands::fly::no_tree;
 use crate::commands::view::Args;
-use crate::commands::{CommandError, open_terrain};
 use crate::flight::Flight;
 use crate::picture_file::over_sky;
 
@@ -40,20 +37,8 @@ use crate::picture_file::over_sky;
 const DRAG: f64 = 1.6;
 /// Time and pixels between the clicks of a double-click.
 const CLICK: (Duration, f64) = (Duration::from_millis(400), 5.0);
-/// How often a scene is looked at for changes.
-const WATCH: Duration = Duration::from_millis(500);
 /// Frames in a row without anything to load or to move after which the window rests.
 const QUIET: u32 = 8;
-
-/// A terrain that is flown over.
-struct Scene {
-    store: Arc<dyn Store>,
-    renderer: Renderer,
-    probe: Probe,
-    /// When the scene file was written, and when that was looked at.
-    written: Option<SystemTime>,
-    looked: Instant,
-}
 
 /// The mouse over the picture.
 #[derive(Default)]
@@ -68,16 +53,12 @@ struct Mouse {
 
 /// Everything that is open.
 pub(super) struct Live {
-    pub(super) window: Arc<Window>,
     pub(super) kept: Kept,
     args: Args,
     wake: EventLoopProxy<Woken>,
-    gpu: Arc<Gpu>,
+    screen: Screen,
+    /// What draws the terrain.
     device: Device,
-    surface: WindowSurface,
-    presenter: Presenter,
-    input: egui_winit::State,
-    painter: egui_wgpu::Renderer,
     scene: Scene,
     flown: Flown,
 }
@@ -97,49 +78,6 @@ struct Flown {
     last: Instant,
     camera: Option<Camera>,
     report: FrameReport,
-}
-
-fn written(args: &Args) -> Option<SystemTime> {
-    std::fs::metadata(args.dir.join(SCENE_FILE)).ok()?.modified().ok()
-}
-
-fn open_scene(
-    args: &Args,
-    kept: &Kept,
-    device: &Device,
-    wake: &EventLoopProxy<Woken>,
-) -> Result<Scene, CommandError> {
-    let written = written(args);
-    let (store, terrain) = open_terrain(&args.dir)?;
-    let scene = terrain.scene.clone();
-    let top = terrain.graph.bounds().map_or(0.0, |b| b.max.z);
-    let renderer = open_renderer(&store, terrain, kept, device)?;
-    let wake = wake.clone();
-    let probe = Probe::new(Arc::clone(&store), scene, top, move || {
-        // A window that is gone needs no answer.
-        let _ = wake.send_event(Woken);
-    });
-    Ok(Scene {
-        store,
-        renderer,
-        probe,
-        written,
-        looked: Instant::now(),
-    })
-}
-
-fn open_renderer(
-    store: &Arc<dyn Store>,
-    terrain: Terrain,
-    kept: &Kept,
-    device: &Device,
-) -> Result<Renderer, RuntimeError> {
-    let config = RendererConfig {
-        ram_budget: kept.ram_bytes(),
-        gpu_budget: kept.gpu_bytes(),
-        ..RendererConfig::default()
-    };
-    Renderer::new(device.clone(), Arc::clone(store), terrain, config)
 }
 
 impl Live {
@@ -163,8 +101,8 @@ impl Live {
                 Arc::new(event_loop.create_window(attributes)?)
             }
         };
-        let (gpu, mut surface) = Gpu::open_window(Arc::clone(&window))?;
-        surface.resize(window.inner_size().into());
+        let screen = Screen::open(window)?;
+        let gpu = &screen.gpu;
         let device = if args.cpu || (gpu.is_software() && !args.gpu) {
             if !args.cpu {
                 eprintln!(
@@ -174,32 +112,19 @@ impl Live {
             }
             Device::Cpu
         } else {
-            Arc::clone(&gpu).into()
+            Arc::clone(gpu).into()
         };
-        let scene = open_scene(args, &kept, &device, &wake)?;
+        let scene = Scene::open(args, &kept, &device, &wake)?;
         let flown = match flown {
             Some(flown) => flown,
             None => Flown::new(args, &scene)?,
         };
-        let format = surface.format();
         Ok(Self {
-            input: egui_winit::State::new(
-                egui::Context::default(),
-                egui::ViewportId::ROOT,
-                &window,
-                Some(window.scale_factor() as f32),
-                window.theme(),
-                Some(gpu.device.limits().max_texture_dimension_2d as usize),
-            ),
-            painter: egui_wgpu::Renderer::new(&gpu.device, format, egui_wgpu::RendererOptions::default()),
-            presenter: Presenter::new(&gpu, format),
             args: args.clone(),
-            window,
             kept,
             wake,
-            gpu,
+            screen,
             device,
-            surface,
             scene,
             flown,
         })
@@ -207,23 +132,28 @@ impl Live {
 
     /// What outlasts a device; all that is on it goes, so that another surface may have the window.
     fn into_parts(self) -> (Arc<Window>, Flown) {
-        (self.window, self.flown)
+        (self.screen.window, self.flown)
+    }
+
+    /// Asks for a frame.
+    pub(super) fn wake(&self) {
+        self.screen.window.request_redraw();
     }
 
     /// Takes an event; true if the window is to be closed.
     pub(super) fn handle(&mut self, event: &WindowEvent) -> bool {
-        let taken = self.input.on_window_event(&self.window, event);
+        let Screen { window, input, .. } = &mut self.screen;
+        let taken = input.on_window_event(window, event);
         if taken.repaint {
-            self.window.request_redraw();
+            window.request_redraw();
         }
-        let is_typing = self.flown.hud.going.is_some() || self.input.egui_ctx().text_edit_focused();
+        let is_typing = self.flown.hud.going.is_some() || input.egui_ctx().text_edit_focused();
         let mouse = &mut self.flown.mouse;
         match event {
-            WindowEvent::Resized(size) => {
-                self.surface.resize((*size).into());
-                if size.width > 0 && size.height > 0 && self.window.fullscreen().is_none() {
-                    self.kept.size = (*size).into();
-                }
+            WindowEvent::Resized(size)
+                if size.width > 0 && size.height > 0 && window.fullscreen().is_none() =>
+            {
+                self.kept.size = (*size).into();
             }
             WindowEvent::Focused(false) => {
                 self.flown.down.clear();
@@ -239,7 +169,7 @@ impl Live {
                     }
                     (ElementState::Pressed, Some(action)) if !event.repeat => {
                         self.flown.down.insert(key);
-                        self.window.request_redraw();
+                        window.request_redraw();
                         return self.act(action);
                     }
                     _ => {}
@@ -249,7 +179,7 @@ impl Live {
                 let at = dvec2(position.x, position.y);
                 if mouse.dragging {
                     mouse.moved += at - mouse.at;
-                    self.window.request_redraw();
+                    window.request_redraw();
                 }
                 mouse.at = at;
             }
@@ -276,7 +206,7 @@ impl Live {
                     MouseScrollDelta::LineDelta(_, y) => f64::from(*y),
                     MouseScrollDelta::PixelDelta(p) => p.y / 50.0,
                 };
-                self.window.request_redraw();
+                window.request_redraw();
             }
             _ => {}
         }
@@ -339,9 +269,9 @@ impl Live {
                 }
             }
             Action::Fullscreen => {
-                let is_full = self.window.fullscreen().is_some();
-                self.window
-                    .set_fullscreen((!is_full).then_some(Fullscreen::Borderless(None)));
+                let window = &self.screen.window;
+                let is_full = window.fullscreen().is_some();
+                window.set_fullscreen((!is_full).then_some(Fullscreen::Borderless(None)));
             }
             Action::Quit => return true,
         }
@@ -354,32 +284,26 @@ impl Live {
     /// # Errors
     /// If device or surface are lost.
     pub(super) fn frame(&mut self) -> Result<bool, RuntimeError> {
-        let size: [u32; 2] = self.window.inner_size().into();
+        let size = self.screen.size();
         if size.contains(&0) {
             return Ok(false);
         }
-        self.surface.resize(size);
-        self.watch();
+        if self.scene.has_changed(&self.args) {
+            self.reopen("the scene has changed");
+        }
         let now = Instant::now();
         let dt = (now - std::mem::replace(&mut self.flown.last, now)).as_secs_f64();
         let camera = self.move_camera(dt, size);
         let settings = self.settings();
-        // Once more if the surface was out of date.
-        let texture = match self.surface.acquire(&self.gpu)? {
-            None => self.surface.acquire(&self.gpu)?,
-            some => some,
-        };
-        let Some(texture) = texture else {
+        let Some(texture) = self.screen.acquire()? else {
             return Ok(false);
         };
         let renderer = &mut self.scene.renderer;
         renderer.cull_from(self.flown.frozen);
         let report = renderer.frame(&camera, &settings)?;
         let (shapes, repaint) = self.lay_out(&camera, size);
-        self.paint(&texture, size, &camera, shapes);
-        self.window.pre_present_notify();
-        self.gpu.queue.present(texture);
-        self.gpu.check()?;
+        let picture = (self.scene.renderer.output(), &camera);
+        self.screen.paint(texture, picture, shapes)?;
 
         let flown = &mut self.flown;
         let renderer = &self.scene.renderer;
@@ -412,23 +336,10 @@ impl Live {
         }
     }
 
-    /// Opens a scene whose file has changed; the old one stays where the new one is not sound.
-    fn watch(&mut self) {
-        if self.scene.looked.elapsed() < WATCH {
-            return;
-        }
-        self.scene.looked = Instant::now();
-        let written = written(&self.args);
-        if written == self.scene.written || written.is_none() {
-            return;
-        }
-        self.scene.written = written;
-        self.reopen("the scene has changed");
-    }
-
+    /// Opens the terrain again; the old one stays where the new one is not sound.
     fn reopen(&mut self, why: &str) {
         self.flown.quiet = 0;
-        match open_scene(&self.args, &self.kept, &self.device, &self.wake) {
+        match Scene::open(&self.args, &self.kept, &self.device, &self.wake) {
             Ok(scene) => {
                 self.scene = scene;
                 self.flown.hud.say(why);
@@ -502,8 +413,6 @@ impl Live {
 
     /// Figures, sliders and lines; and whether they are to be drawn again at once.
     fn lay_out(&mut self, camera: &Camera, pixels: [u32; 2]) -> (egui::FullOutput, bool) {
-        let input = self.input.take_egui_input(&self.window);
-        let ctx = self.input.egui_ctx().clone();
         let renderer = &self.scene.renderer;
         let flown = &mut self.flown;
         let state = [
@@ -531,10 +440,9 @@ impl Live {
             state: &state.join("\n"),
         };
         let (mut asked, kept, hud) = (None, &mut self.kept, &mut flown.hud);
-        let output = ctx.run_ui(input, |ui| {
-            let ctx = ui.ctx().clone();
+        let output = self.screen.lay_out(|ctx| {
             if flown.boxes || flown.frozen.is_some() {
-                let lines = Lines::new(&ctx, camera);
+                let lines = Lines::new(ctx, camera);
                 for (k, tree) in renderer.visible().iter().enumerate() {
                     let color = if tree.beyond.is_some() {
                         Color32::YELLOW
@@ -549,10 +457,8 @@ impl Live {
                     lines.pyramid(frozen, depth, Color32::RED);
                 }
             }
-            asked = Some(hud.show(&ctx, &seen, kept));
+            asked = Some(hud.show(ctx, &seen, kept));
         });
-        self.input
-            .handle_platform_output(&self.window, output.platform_output.clone());
         let asked = asked.unwrap_or_default();
         if let Some(place) = asked.go_to {
             self.flown.rig.go_to(place);
@@ -564,63 +470,13 @@ impl Live {
         let repaint = delays.min().is_some_and(|d| d.is_zero());
         (output, repaint)
     }
-
-    /// The picture, and what was laid out over it.
-    fn paint(
-        &mut self,
-        texture: &wgpu::SurfaceTexture,
-        size: [u32; 2],
-        camera: &Camera,
-        mut output: egui::FullOutput,
-    ) {
-        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
-        let ctx = self.input.egui_ctx();
-        let jobs = ctx.tessellate(output.shapes, output.pixels_per_point);
-        for (id, deltas) in &output.textures_delta.set {
-            for delta in deltas {
-                self.painter.update_texture(device, queue, *id, delta);
-            }
-        }
-        let screen = egui_wgpu::ScreenDescriptor {
-            size_in_pixels: size,
-            pixels_per_point: output.pixels_per_point,
-        };
-        let mut encoder = device.create_command_encoder(&Default::default());
-        let more = (self.painter).update_buffers(device, queue, &mut encoder, &jobs, &screen);
-        let view = texture.texture.create_view(&Default::default());
-        if let Some(picture) = self.scene.renderer.output() {
-            (self.presenter).draw(&self.gpu, &mut encoder, (&view, size), picture, camera);
-        }
-        {
-            let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("figures"),
-                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                    view: &view,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: wgpu::Operations {
-                        load: wgpu::LoadOp::Load,
-                        store: wgpu::StoreOp::Store,
-                    },
-                })],
-                ..Default::default()
-            });
-            self.painter.render(&mut pass.forget_lifetime(), &jobs, &screen);
-        }
-        queue.submit(more.into_iter().chain([encoder.finish()]));
-        for id in &output.textures_delta.free {
-            self.painter.free_texture(id);
-        }
-        output.textures_delta.clear();
-    }
 }
 
 impl Flown {
     fn new(args: &Args, scene: &Scene) -> Result<Self, CommandError> {
         let path = args.path.as_deref().map(Flight::load).transpose()?;
-        let terrain = scene.renderer.terrain();
-        let bounds = data_bounds(scene.store.as_ref(), &terrain.trees).or(terrain.graph.bounds());
-        let orbit = Flight::orbit(&bounds.ok_or_else(|| no_tree(&args.dir))?, 1.0);
+        let bounds = scene.bounds().ok_or_else(|| no_tree(&args.dir))?;
+        let orbit = Flight::orbit(&bounds, 1.0);
         let (eye, target) = path.as_ref().unwrap_or(&orbit).at(0.0);
         Ok(Self {
             rig: Rig::new(eye, target),

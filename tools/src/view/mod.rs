@@ -2,7 +2,9 @@
 //!
 //! | module | what |
 //! |---|---|
-//! | `live` | what is open: window, device, renderer; a frame |
+//! | `live` | what is open: a frame, and what events do |
+//! | `screen` | the window, its device, and what is painted |
+//! | `scene` | the terrain, its renderer and probe |
 //! | `rig` | how the camera moves |
 //! | `keys` | what keys do |
 //! | `hud`, `overlay` | figures, sliders and help; lines over the picture |
@@ -19,6 +21,8 @@ mod live;
 mod overlay;
 mod probe;
 mod rig;
+mod scene;
+mod screen;
 mod tape;
 
 use std::path::PathBuf;
@@ -118,7 +122,7 @@ impl ApplicationHandler<Woken> for App<'_> {
 
     fn user_event(&mut self, _: &ActiveEventLoop, _: Woken) {
         if let Some(live) = &self.live {
-            live.window.request_redraw();
+            live.wake();
         }
     }
 
@@ -133,7 +137,7 @@ impl ApplicationHandler<Woken> for App<'_> {
         }
         match live.frame() {
             Ok(true) => {
-                live.window.request_redraw();
+                live.wake();
                 event_loop.set_control_flow(ControlFlow::Wait);
             }
             Ok(false) => event_loop.set_control_flow(ControlFlow::WaitUntil(Instant::now() + IDLE)),
@@ -155,7 +159,7 @@ impl ApplicationHandler<Woken> for App<'_> {
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let is_due = matches!(event_loop.control_flow(), ControlFlow::WaitUntil(at) if at <= Instant::now());
         if let Some(live) = self.live.as_ref().filter(|_| is_due) {
-            live.window.request_redraw();
+            live.wake();
         }
     }
 }
