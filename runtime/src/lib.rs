@@ -23,6 +23,7 @@ mod backend;
 pub mod bias;
 pub mod caster;
 mod cpu;
+pub mod depth;
 pub mod effort;
 pub mod error;
 pub mod gpu;

@@ -113,6 +113,8 @@ mod tests {
                 normal_zero,
                 sky_middle,
                 cones,
+                pixels,
+                depth_in,
             ]
         );
         assert_layout!(
