@@ -67,7 +67,7 @@
 //! - One thread owns a renderer. [`Renderer::frame`](renderer::Renderer::frame) never waits for a disk or the device; loaders and node list
 //!   processors have threads of their own. Renderers may share a device.
 //! - What a slot of a pool holds and the words that point to it change in the submission that casts next: a picture never shows the one
-//!   without the other. What is not there yet is shown by coarser levels, never left out.
+//!   without the other. What is not there yet is shown by coarser levels, and left out only before a tree's root is there.
 //! - A settled picture does not depend on the order in which things came.
 //! - [`RuntimeError`](error::RuntimeError) is for what ends a frame or more: a device that fails, a size or settings that no picture can be
 //!   made of. Files that cannot be read do not; they are lines in [`Renderer::faults`](renderer::Renderer::faults).

@@ -214,6 +214,50 @@ fn a_wall_in_a_medium_leaves_the_opacity_before_it() {
     });
 }
 
+#[test]
+fn fewer_pixels_end_at_the_depths_in_their_middles() {
+    exactly("depths::fewer_pixels_end_at_the_depths_in_their_middles", || {
+        let world = neighbours().finish();
+        let mut renderer = world.renderer_within(SMALL_POOL);
+        let camera = look(DVec3::new(-24.0, -8.0, 14.0), DVec3::new(1.0, 0.7, -0.5), 64, 40);
+        let timed = RenderSettings {
+            target_ms: Some(1e-3),
+            ..RenderSettings::default()
+        };
+        let (open, _) = settled(&mut renderer, &camera, &timed);
+        // A wall before the right half.
+        let wall: Vec<f32> = pixels(&camera)
+            .map(|[x, _]| if x < 32.0 { NO_DEPTH } else { 1.0 })
+            .collect();
+        renderer.set_depths(Depths {
+            until: Some(texture(&camera, &wall, DepthScale::METRES)),
+            written: true,
+        });
+        let mut report = None;
+        for frame in 0..40 {
+            let moved = Camera {
+                eye: camera.eye + DVec3::X * (1e-3 * f64::from(frame)),
+                ..camera
+            };
+            report = Some(renderer.frame(&moved, &timed).unwrap());
+            renderer.wait().unwrap();
+        }
+        assert_eq!(report.unwrap().scale, 0.5);
+        assert_eq!(renderer.read_depths().unwrap().1, [32, 20]);
+        let picture = renderer.read_picture().unwrap();
+        // Enlarged pixels reach two beyond the wall's edge.
+        let seen = |picture: &Picture, columns: std::ops::Range<usize>| {
+            let rows = picture.pixels.chunks_exact(64);
+            let hit = rows.flat_map(|row| &row[columns.clone()]);
+            hit.filter(|p| p[3] > 0.5).count()
+        };
+        let [left, right] = [0..30, 34..64].map(|columns| seen(&open, columns));
+        assert!(left > 100 && right > 100, "{left}, {right}");
+        assert_eq!(seen(&picture, 34..64), 0);
+        assert!(seen(&picture, 0..30).abs_diff(left) * 5 < left, "{left}");
+    });
+}
+
 fn picture_size(camera: &Camera) -> usize {
     camera.width as usize * camera.height as usize
 }
