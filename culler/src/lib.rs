@@ -37,6 +37,19 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! The example `cull` (`examples/culler`) goes on from there, with shadows and prefetching.
+//!
+//! # Invariants, threads, errors
+//!
+//! - A graph is made once and only read: any thread may share it. A [`Culler`] belongs to one thread, which calls it once a frame with
+//!   the camera that draws the frame; after some frames it allocates nothing. The same arguments give the same result.
+//! - Boxes are half-open, `min <= p < max`: a point in a face that two trees share is in one of them.
+//! - Work follows what is in view, not the size of the scene.
+//! - Boxes, cameras and ids that are no use are refused when they are made, by [`BoundsError`], [`CameraError`] and [`SceneError`], which
+//!   say what and where; after that nothing fails.
+//!
+//! [docs/paging.md](https://github.com/brickfell/brickfell/blob/main/docs/paging.md) tells what the result is used for.
+//!
 //! # Why not sort by distance
 //!
 //! Compositing front to back needs the order in which rays meet the trees, and distance is something else: a near

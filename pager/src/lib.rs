@@ -10,6 +10,37 @@
 //! 3. [`Pager::submit`] hands the requests to the loader threads, most urgent first. What was asked for earlier and not
 //!    again leaves the queue; what the budget needs is evicted.
 //!
+//! Here over a terrain that is made as it is read, with a loop that has nothing to draw and waits:
+//!
+//! ```
+//! use std::{sync::Arc, time::Duration};
+//!
+//! use brickfell_culler::TreeId;
+//! use brickfell_formats::scene::Scene;
+//! use brickfell_pager::{PageKey, Pager, PagerConfig, ProceduralConfig, ProceduralStore, Store};
+//!
+//! let store = Arc::new(ProceduralStore::new(ProceduralConfig { extent: 256.0, ..Default::default() })?);
+//! let scene = store.read("scene.xml", 0, store.len("scene.xml")? as usize)?;
+//! let trees = Scene::parse(&scene)?.trees().map(|tree| tree.tree_file.clone()).collect();
+//!
+//! let mut pager = Pager::new(store, trees, PagerConfig::default());
+//! let wanted = PageKey::Level { tree: TreeId(0), level: 2 };
+//! for frame in 1.. {
+//!     pager.merge(frame);
+//!     if pager.tree(TreeId(0)).is_some_and(|tree| tree.level(2).is_some()) {
+//!         break;
+//!     }
+//!     pager.request(wanted, 0.0);
+//!     pager.submit();
+//!     pager.wait_for_progress(Duration::from_secs(1));
+//! }
+//! let tree = pager.tree(TreeId(0)).ok_or("not there")?;
+//! assert_eq!(tree.level(2).map(|page| page.nodes.len() % 8), Some(0));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The example `own_store` (`examples/pager`) has a [`Store`] of its own, reads samples, and runs out of budget.
+//!
 //! # Pages
 //!
 //! See [`PageKey`]: the root of a tree, the nodes of a level, a chunk of bricks. A coarse tree of a group is a tree like any other
@@ -48,6 +79,14 @@
 //! Not counted are the snapshots' own pointers, the page table, and up to 1.3 MiB per loader while it decodes. When
 //! requests and pages in use do not fit, the most urgent are served, the others are deferred, and [`Pager::over_budget`] says
 //! by how much the level of detail has to fall; at rest nothing is loaded or evicted then.
+//!
+//! # Errors
+//!
+//! A [`Store`] may fail, be slow or give damaged bytes. A page that cannot be had is tried again after [`PagerConfig::retry`], and given up
+//! after [`PagerConfig::max_attempts`] with one [`PageFault`], which names the object; the rest of the terrain stays. Nothing here
+//! panics on what a store gives.
+//!
+//! [docs/paging.md](https://github.com/brickfell/brickfell/blob/main/docs/paging.md) has what is asked for when, and by whom.
 
 mod exchange;
 mod load;

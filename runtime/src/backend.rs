@@ -11,6 +11,7 @@ use brickfell_shaders::layout;
 
 use crate::caster::{Caster, Feedback, Kernel, REQUEST_CAPACITY};
 use crate::cpu::CpuCaster;
+use crate::depth::{DepthScale, Depths};
 use crate::error::RuntimeError;
 use crate::gpu::Gpu;
 use crate::march::{LIFT, SKY_MIDDLE, SKY_TILT, SKY_WIDTH};
@@ -69,6 +70,8 @@ pub(crate) struct Cast<'a> {
     pub(crate) raster: Raster,
     /// One of so many tiles of pixels may ask.
     pub(crate) request_share: u32,
+    /// How the depths at which rays end are told, if they do.
+    pub(crate) until: Option<DepthScale>,
     /// The trees, front to back.
     pub(crate) drawn: &'a [Drawn],
 }
@@ -181,17 +184,35 @@ impl Backend {
         }
     }
 
+    /// Where the last picture's depths are, and how many columns and rows of them, if they were written.
+    pub(crate) fn depth(&self) -> Option<(&wgpu::TextureView, [u32; 2])> {
+        match self {
+            Self::Gpu(b) => b.caster.depth(),
+            Self::Cpu(_) => None,
+        }
+    }
+
     /// Makes ready for a picture of the camera's size.
     ///
     /// # Errors
-    /// If the device failed or draws none of this size.
-    pub(crate) fn begin(&mut self, camera: &Camera, settings: &RenderSettings) -> Result<(), RuntimeError> {
+    /// If the device failed or draws none of this size, or rays cannot end at these depths.
+    pub(crate) fn begin(
+        &mut self,
+        camera: &Camera,
+        settings: &RenderSettings,
+        depths: &Depths,
+    ) -> Result<(), RuntimeError> {
         match self {
             Self::Gpu(b) => {
                 b.gpu.check()?;
                 let size = [camera.width, camera.height];
-                (b.caster).prepare(&b.gpu, &b.memory, size, Kernel::of(settings))
+                depths.until.as_ref().map_or(Ok(()), |d| d.check(size))?;
+                let until = depths.until.as_ref().map(|d| &d.view);
+                (b.caster).prepare(&b.gpu, &b.memory, size, Kernel::of(settings, depths), until)
             }
+            Self::Cpu(_) if depths.until.is_some() || depths.written => Err(RuntimeError::Argument(
+                "only a GPU exchanges depths with polygons, and this draws with the CPU",
+            )),
             Self::Cpu(_) => Ok(()),
         }
     }
@@ -261,6 +282,17 @@ impl Backend {
         }
     }
 
+    /// The last picture's depths.
+    ///
+    /// # Errors
+    /// If none were written or the device failed.
+    pub(crate) fn read_depths(&self) -> Result<(Vec<f32>, [u32; 2]), RuntimeError> {
+        match self {
+            Self::Gpu(b) => b.caster.read_depths(&b.gpu),
+            Self::Cpu(_) => Err(RuntimeError::Device("no depths were drawn".into())),
+        }
+    }
+
     /// Name and kind of the device, for reports.
     pub(crate) fn describe(&self) -> String {
         match self {
@@ -291,6 +323,7 @@ fn frame_uniform(cast: &Cast<'_>, sizes: PoolSizes) -> layout::Frame {
     let texels = sizes.texels().map(|t| 1.0 / t as f32);
     let [x, y, z] = sizes.slot();
     let [normal_scale, normal_zero] = [NORMAL_SCALE, NORMAL_ZERO].map(|v| glam::Vec3::from(v.map(f32::from)));
+    let [offset, factor, empty] = cast.until.unwrap_or(DepthScale::METRES).to_array();
     layout::Frame {
         size: raster.size,
         tree_count: cast.drawn.len() as u32,
@@ -319,5 +352,7 @@ fn frame_uniform(cast: &Cast<'_>, sizes: PoolSizes) -> layout::Frame {
         normal_scale: (255.0 / normal_scale).extend(0.0).to_array(),
         normal_zero: (-normal_zero / normal_scale).extend(0.0).to_array(),
         cones: [SUN_WIDTH, SKY_WIDTH, LIFT, SKY_TILT].map(|x| x as f32),
+        pixels: raster.pixels().as_vec4().to_array(),
+        depth_in: [offset, factor, empty, 0.0],
     }
 }

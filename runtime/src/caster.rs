@@ -4,6 +4,8 @@
 //! Called by the render thread. A ring entry is in flight from its submission until its mapping callback has run; when all
 //! entries are in flight a frame goes without read-back.
 
+mod target;
+
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
@@ -12,11 +14,13 @@ use std::time::Instant;
 use brickfell_shaders::layout::{self, COUNTER_WORDS, Request, TABLE_WORDS};
 use brickfell_shaders::{BEAM, CAST, COMPACT, LISTS};
 
+use crate::depth::Depths;
 use crate::error::RuntimeError;
 use crate::gpu::Gpu;
 use crate::memory::PoolMemory;
 use crate::picture::{Picture, RayCounters};
 use crate::settings::{RenderSettings, Shows};
+use target::{Cast, Target};
 
 /// Requests that fit a read-back.
 pub const REQUEST_CAPACITY: u32 = 8192;
@@ -36,16 +40,34 @@ pub struct Kernel {
     pub occlusion: bool,
     /// What is shown.
     pub shows: Shows,
+    /// Rays end at depths.
+    pub ends: bool,
+    /// Depths are written.
+    pub depths: bool,
 }
 
 impl Kernel {
-    /// What settings ask for.
-    pub fn of(settings: &RenderSettings) -> Self {
+    /// What settings and depths ask for.
+    pub fn of(settings: &RenderSettings, depths: &Depths) -> Self {
         Self {
             shadows: settings.shadows,
             occlusion: settings.occlusion,
             shows: settings.shows,
+            ends: depths.until.is_some(),
+            depths: depths.written,
         }
+    }
+
+    fn pipeline(self, gpu: &Gpu) -> wgpu::ComputePipeline {
+        let one = |wanted| f64::from(u8::from(wanted));
+        let constants = [
+            ("SUN_CONES", one(self.shadows)),
+            ("SKY_CONES", 6.0 * one(self.occlusion)),
+            ("SHOWS", f64::from(self.shows as u8)),
+            ("ENDS", one(self.ends)),
+            ("DEPTHS", one(self.depths)),
+        ];
+        gpu.compute_pipeline_with("cast", CAST, "cast_rays", &constants)
     }
 }
 
@@ -88,20 +110,6 @@ struct RingEntry {
     frame: u32,
 }
 
-/// Buffers that depend on the picture's size.
-#[derive(Debug)]
-struct Target {
-    width: u32,
-    height: u32,
-    output: wgpu::Texture,
-    view: wgpu::TextureView,
-    lists: wgpu::Buffer,
-    list_trees: wgpu::BindGroup,
-    start_rays: wgpu::BindGroup,
-    cast: wgpu::BindGroup,
-    compact_pixels: wgpu::BindGroup,
-}
-
 /// Pipelines and per-frame buffers of the ray caster.
 #[derive(Debug)]
 pub struct Caster {
@@ -109,8 +117,6 @@ pub struct Caster {
     start_rays: wgpu::ComputePipeline,
     /// Ray casters, each made when it was first asked for.
     casts: HashMap<Kernel, wgpu::ComputePipeline>,
-    /// The one in use.
-    kernel: Kernel,
     compact_pixels: wgpu::ComputePipeline,
     compact_usage: wgpu::ComputePipeline,
     uniform: wgpu::Buffer,
@@ -124,7 +130,10 @@ pub struct Caster {
     queries: Option<wgpu::QuerySet>,
     query_buffer: wgpu::Buffer,
     ring: Vec<RingEntry>,
+    /// What is bound in the place of a depth texture to read and one to write.
+    no_depths: [wgpu::TextureView; 2],
     target: Option<Target>,
+    cast: Option<Cast>,
     /// Pixels of the target that the last frame drew.
     drawn: [u32; 2],
 }
@@ -191,12 +200,19 @@ impl Caster {
             min_filter: wgpu::FilterMode::Linear,
             ..Default::default()
         });
+        let no_depths = [
+            wgpu::TextureUsages::TEXTURE_BINDING,
+            wgpu::TextureUsages::STORAGE_BINDING,
+        ]
+        .map(|usage| {
+            let texture = target::texture(gpu, "no depths", [1, 1], wgpu::TextureFormat::R32Float, usage);
+            texture.create_view(&Default::default())
+        });
         gpu.check()?;
         Ok(Self {
             list_trees,
             start_rays,
             casts: HashMap::new(),
-            kernel: Kernel::default(),
             compact_pixels,
             compact_usage,
             uniform,
@@ -210,7 +226,9 @@ impl Caster {
             queries,
             query_buffer,
             ring,
+            no_depths,
             target: None,
+            cast: None,
             drawn: [0; 2],
         })
     }
@@ -219,13 +237,11 @@ impl Caster {
     pub fn bytes(&self) -> u64 {
         let fixed = self.trees.size() + self.requests.size() + self.used.size();
         let ring: u64 = self.ring.iter().map(|r| r.buffer.size()).sum();
-        let target = self.target.as_ref().map_or(0, |t| {
-            u64::from(t.width) * u64::from(t.height) * 24 + t.lists.size()
-        });
-        fixed + ring + target
+        fixed + ring + self.target.as_ref().map_or(0, Target::bytes)
     }
 
-    /// Makes buffers fit a picture of a size, and the kernel what is asked for; a kernel is compiled when it is first asked for.
+    /// Makes buffers fit a picture of a size, and the kernel what is asked for; a kernel is compiled when it is first asked for. `until`:
+    /// depths at which rays end, if the kernel has them end.
     ///
     /// # Errors
     /// If the size is zero or beyond the device's limits.
@@ -233,129 +249,23 @@ impl Caster {
         &mut self,
         gpu: &Gpu,
         pools: &PoolMemory,
-        [width, height]: [u32; 2],
+        size: [u32; 2],
         kernel: Kernel,
+        until: Option<&wgpu::TextureView>,
     ) -> Result<(), RuntimeError> {
-        let fits = |t: &Target| (t.width, t.height, self.kernel) == (width, height, kernel);
-        if self.target.as_ref().is_some_and(fits) {
+        let has_size = self.target.as_ref().is_some_and(|t| t.size == size);
+        if has_size && self.cast.as_ref().is_some_and(|c| c.is_for(kernel, until)) {
             return Ok(());
         }
-        self.kernel = kernel;
-        let cast = &*(self.casts.entry(kernel)).or_insert_with(|| {
-            let constants = [
-                ("SUN_CONES", f64::from(u8::from(kernel.shadows))),
-                ("SKY_CONES", 6.0 * f64::from(u8::from(kernel.occlusion))),
-                ("SHOWS", f64::from(kernel.shows as u8)),
-            ];
-            gpu.compute_pipeline_with("cast", CAST, "cast_rays", &constants)
-        });
-        let limits = gpu.device.limits();
-        let refuse = |reason: String| {
-            Err(RuntimeError::Size {
-                width,
-                height,
-                reason,
-            })
-        };
-        if width == 0 || height == 0 {
-            return refuse("it has no pixel".into());
-        }
-        if width.max(height) > limits.max_texture_dimension_2d {
-            return refuse(format!(
-                "this device draws up to {} per axis",
-                limits.max_texture_dimension_2d
-            ));
-        }
-        let feedback_bytes = u64::from(width) * u64::from(height) * 8;
-        if feedback_bytes > limits.max_storage_buffer_binding_size {
-            return refuse(format!(
-                "its feedback needs {feedback_bytes} bytes in one binding"
-            ));
-        }
-        let output = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("picture"),
-            size: wgpu::Extent3d {
-                width,
-                height,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Rgba32Float,
-            usage: wgpu::TextureUsages::STORAGE_BINDING
-                | wgpu::TextureUsages::COPY_SRC
-                | wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        });
-        let view = output.create_view(&Default::default());
-        let feedback = gpu.buffer("feedback", feedback_bytes, wgpu::BufferUsages::STORAGE);
-        let lists = gpu.buffer(
-            "lists of trees",
-            u64::from(tiles(width, height)) * layout::LIST_WORDS as u64 * 4,
-            wgpu::BufferUsages::STORAGE,
-        );
-        let list_trees = gpu.bind(
-            &self.list_trees,
-            &[
-                (0, self.uniform.as_entire_binding()),
-                (1, self.trees.as_entire_binding()),
-                (2, lists.as_entire_binding()),
-            ],
-        );
-        let start_rays = gpu.bind(
-            &self.start_rays,
-            &[
-                (0, self.uniform.as_entire_binding()),
-                (1, self.trees.as_entire_binding()),
-                (2, pools.nodes.as_entire_binding()),
-                (3, pools.occupancy.as_entire_binding()),
-                (4, pools.brick_stamps.as_entire_binding()),
-                (5, pools.tile_stamps.as_entire_binding()),
-                (6, lists.as_entire_binding()),
-            ],
-        );
-        let cast = gpu.bind(
-            cast,
-            &[
-                (0, self.uniform.as_entire_binding()),
-                (1, self.trees.as_entire_binding()),
-                (2, pools.nodes.as_entire_binding()),
-                (3, wgpu::BindingResource::TextureView(&pools.color)),
-                (4, wgpu::BindingResource::TextureView(&pools.normal)),
-                (5, wgpu::BindingResource::Sampler(&self.sampler)),
-                (6, pools.brick_stamps.as_entire_binding()),
-                (7, pools.tile_stamps.as_entire_binding()),
-                (8, feedback.as_entire_binding()),
-                (9, wgpu::BindingResource::TextureView(&view)),
-                (10, self.counters.as_entire_binding()),
-                (11, self.requests.as_entire_binding()),
-                (12, wgpu::BindingResource::TextureView(&pools.opacity)),
-                (13, pools.occupancy.as_entire_binding()),
-                (14, lists.as_entire_binding()),
-            ],
-        );
-        let compact_pixels = gpu.bind(
-            &self.compact_pixels,
-            &[
-                (0, self.uniform.as_entire_binding()),
-                (1, feedback.as_entire_binding()),
-                (4, self.counters.as_entire_binding()),
-            ],
-        );
+        (self.cast, self.drawn) = (None, [0; 2]);
+        let old = self.target.take().filter(|_| has_size);
+        let mut target = old.map_or_else(|| Target::new(gpu, pools, self, size), Ok)?;
+        target.keep_depth(gpu, kernel.depths);
+        let pipeline = (self.casts.remove(&kernel)).unwrap_or_else(|| kernel.pipeline(gpu));
+        let cast = Cast::new(gpu, pools, self, (&target, &pipeline), kernel, until);
+        self.casts.insert(kernel, pipeline);
         gpu.check()?;
-        self.drawn = [0; 2];
-        self.target = Some(Target {
-            width,
-            height,
-            output,
-            view,
-            lists,
-            list_trees,
-            start_rays,
-            cast,
-            compact_pixels,
-        });
+        (self.target, self.cast) = (Some(target), Some(cast));
         Ok(())
     }
 
@@ -363,6 +273,12 @@ impl Caster {
     pub fn output(&self) -> Option<(&wgpu::TextureView, [u32; 2])> {
         let target = self.target.as_ref().filter(|_| self.drawn != [0; 2])?;
         Some((&target.view, self.drawn))
+    }
+
+    /// The depths of the last picture, as [`Self::output`], if they were written.
+    pub fn depth(&self) -> Option<(&wgpu::TextureView, [u32; 2])> {
+        let target = self.target.as_ref().filter(|_| self.drawn != [0; 2])?;
+        Some((target.depth.as_ref().map(|(_, view)| view)?, self.drawn))
     }
 
     /// Timestamps of stage k (0 upload, 1 cast, 2 compaction).
@@ -385,7 +301,7 @@ impl Caster {
         frame: &layout::Frame,
         trees: &[layout::Tree],
     ) -> Option<usize> {
-        let target = self.target.as_ref()?;
+        let (target, cast) = (self.target.as_ref()?, self.cast.as_ref()?);
         self.drawn = frame.size;
         gpu.queue
             .write_buffer(&self.uniform, 0, bytemuck::bytes_of(frame));
@@ -398,7 +314,7 @@ impl Caster {
                 timestamp_writes: self.timestamps(1),
             });
             let [width, height] = frame.size;
-            let tile_groups = tiles(width, height).div_ceil(64);
+            let tile_groups = target::tiles(frame.size).div_ceil(64);
             if frame.lists != 0 {
                 pass.set_pipeline(&self.list_trees);
                 pass.set_bind_group(0, &target.list_trees, &[]);
@@ -407,8 +323,8 @@ impl Caster {
             pass.set_pipeline(&self.start_rays);
             pass.set_bind_group(0, &target.start_rays, &[]);
             pass.dispatch_workgroups(tile_groups, 1, 1);
-            pass.set_pipeline(self.casts.get(&self.kernel)?);
-            pass.set_bind_group(0, &target.cast, &[]);
+            pass.set_pipeline(self.casts.get(&cast.kernel)?);
+            pass.set_bind_group(0, &cast.bindings, &[]);
             pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
         }
         let entry = self
@@ -490,54 +406,26 @@ impl Caster {
         let Some(target) = self.target.as_ref().filter(|_| self.drawn != [0; 2]) else {
             return Err(RuntimeError::Device("no picture was drawn yet".into()));
         };
-        let [width, height] = self.drawn;
-        let row = (width * 16).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-        let buffer = gpu.buffer(
-            "picture read-back",
-            u64::from(row) * u64::from(height),
-            wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-        );
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        encoder.copy_texture_to_buffer(
-            target.output.as_image_copy(),
-            wgpu::TexelCopyBufferInfo {
-                buffer: &buffer,
-                layout: wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(row),
-                    rows_per_image: None,
-                },
-            },
-            wgpu::Extent3d {
-                width,
-                height,
-                depth_or_array_layers: 1,
-            },
-        );
-        gpu.queue.submit([encoder.finish()]);
-        buffer.slice(..).map_async(wgpu::MapMode::Read, |_| {});
-        gpu.wait()?;
-        let view = buffer
-            .slice(..)
-            .get_mapped_range()
-            .map_err(|e| RuntimeError::Device(e.to_string()))?;
-        let pixels = view
-            .chunks_exact(row as usize)
-            .flat_map(|line| line[..width as usize * 16].chunks_exact(16))
-            .map(bytemuck::pod_read_unaligned)
-            .collect();
         let drawn = Picture {
-            width,
-            height,
-            pixels,
+            width: self.drawn[0],
+            height: self.drawn[1],
+            pixels: target::read(gpu, &target.output, self.drawn)?,
         };
-        Ok(drawn.resized(target.width, target.height))
+        let [width, height] = target.size;
+        Ok(drawn.resized(width, height))
     }
-}
 
-/// Tiles of 8×8 pixels.
-fn tiles(width: u32, height: u32) -> u32 {
-    width.div_ceil(8) * height.div_ceil(8)
+    /// Copies the last picture's depths back and waits for them: a row after the other, as many as were drawn.
+    ///
+    /// # Errors
+    /// If none were written or the device failed.
+    pub fn read_depths(&self, gpu: &Gpu) -> Result<(Vec<f32>, [u32; 2]), RuntimeError> {
+        let target = self.target.as_ref().filter(|_| self.drawn != [0; 2]);
+        let Some((texture, _)) = target.and_then(|t| t.depth.as_ref()) else {
+            return Err(RuntimeError::Device("no depths were drawn".into()));
+        };
+        Ok((target::read(gpu, texture, self.drawn)?, self.drawn))
+    }
 }
 
 fn parse(frame: u32, bytes: &[u8], sizes: [u64; 3], period: Option<f32>, pools: &PoolMemory) -> Feedback {

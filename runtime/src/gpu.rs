@@ -1,4 +1,4 @@
-//! The device: adapter choice, limits, errors. Created once, shared by everything that draws.
+//! The device: adapter choice, limits, errors. Created once, or an application's own; shared by everything that draws.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,6 +13,13 @@ pub struct GpuCalls {
     /// Times that somebody waited for it.
     pub waits: u64,
 }
+
+/// Features by which block-compressed 3D textures are read.
+const BLOCKS: wgpu::Features =
+    wgpu::Features::TEXTURE_COMPRESSION_BC.union(wgpu::Features::TEXTURE_COMPRESSION_BC_SLICED_3D);
+/// Bindings of the largest kernel, the ray caster.
+const STORAGE_BUFFERS: u32 = 9;
+const STORAGE_TEXTURES: u32 = 2;
 
 /// An open device and its queue.
 #[derive(Debug)]
@@ -63,15 +70,10 @@ impl Gpu {
             wgpu::DeviceType::Cpu => 4,
         });
         let adapter = adapters.into_iter().next().ok_or(RuntimeError::NoAdapter)?;
-        let info = adapter.get_info();
-        let blocks =
-            wgpu::Features::TEXTURE_COMPRESSION_BC | wgpu::Features::TEXTURE_COMPRESSION_BC_SLICED_3D;
-        let wanted = wgpu::Features::TIMESTAMP_QUERY | blocks;
-        let features = adapter.features() & wanted;
         let (device, queue) = adapter
             .request_device(&wgpu::DeviceDescriptor {
                 label: Some("brickfell"),
-                required_features: features,
+                required_features: Self::features(adapter.features()),
                 required_limits: adapter.limits(),
                 experimental_features: wgpu::ExperimentalFeatures::disabled(),
                 memory_hints: wgpu::MemoryHints::Performance,
@@ -79,12 +81,71 @@ impl Gpu {
             })
             .await
             .map_err(|e| RuntimeError::NoDevice {
-                adapter: info.name.clone(),
+                adapter: adapter.get_info().name,
                 reason: e.to_string(),
             })?;
-        let fault = Arc::new(Mutex::new(None));
-        let remember = |fault: &Arc<Mutex<Option<String>>>| {
-            let fault = Arc::clone(fault);
+        let gpu = Self::from_parts(device, queue)?;
+        gpu.watch();
+        Ok((Arc::new(gpu), adapter))
+    }
+
+    /// Features of those available that are made use of: for an application that opens the device itself. None is needed: without
+    /// timestamps there are no times of stages, without block-compressed 3D textures such bricks are decoded before they are sent.
+    pub fn features(available: wgpu::Features) -> wgpu::Features {
+        available & (wgpu::Features::TIMESTAMP_QUERY | BLOCKS)
+    }
+
+    /// A device's limits raised to what is needed: for an application that opens the device itself. Those for the size of textures and
+    /// buffers bound the pools, so it is best to take `adapter.limits()`.
+    pub fn limits(base: wgpu::Limits) -> wgpu::Limits {
+        let (buffers, textures) = (
+            base.max_storage_buffers_per_shader_stage,
+            base.max_storage_textures_per_shader_stage,
+        );
+        wgpu::Limits {
+            max_storage_buffers_per_shader_stage: buffers.max(STORAGE_BUFFERS),
+            max_storage_textures_per_shader_stage: textures.max(STORAGE_TEXTURES),
+            ..base
+        }
+    }
+
+    /// A device that an application has opened, to draw on it together with what else is drawn there. Errors of the device go to
+    /// where the application has sent them, unless [`Self::watch`] is called. Frames poll the device and so run callbacks of the
+    /// application, too.
+    ///
+    /// # Errors
+    /// If its limits are below what [`Self::limits`] asks for.
+    pub fn from_parts(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, RuntimeError> {
+        let (info, limits, features) = (device.adapter_info(), device.limits(), device.features());
+        if Self::limits(limits.clone()) != limits {
+            return Err(RuntimeError::NoDevice {
+                adapter: info.name,
+                reason: format!(
+                    "shaders need {STORAGE_BUFFERS} storage buffers and {STORAGE_TEXTURES} storage textures, it has {} and {}",
+                    limits.max_storage_buffers_per_shader_stage, limits.max_storage_textures_per_shader_stage
+                ),
+            });
+        }
+        let timestamp_period = features
+            .contains(wgpu::Features::TIMESTAMP_QUERY)
+            .then(|| queue.get_timestamp_period());
+        Ok(Self {
+            device,
+            queue,
+            info,
+            timestamp_period,
+            reads_blocks: features.contains(BLOCKS),
+            fault: Arc::new(Mutex::new(None)),
+            made: AtomicU64::new(0),
+            waits: AtomicU64::new(0),
+        })
+    }
+
+    /// From now on errors and the loss of the device are told by [`Self::check`] and so by the next frame, instead of to whom they were
+    /// told before.
+    pub fn watch(&self) {
+        let remember = || {
+            let fault = Arc::clone(&self.fault);
             move |message: String| {
                 fault
                     .lock()
@@ -92,27 +153,13 @@ impl Gpu {
                     .get_or_insert(message);
             }
         };
-        let (on_error, on_lost) = (remember(&fault), remember(&fault));
-        device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| on_error(e.to_string())));
-        device.set_device_lost_callback(move |reason, message| {
+        let (on_error, on_lost) = (remember(), remember());
+        (self.device).on_uncaptured_error(Arc::new(move |e: wgpu::Error| on_error(e.to_string())));
+        self.device.set_device_lost_callback(move |reason, message| {
             if reason != wgpu::DeviceLostReason::Destroyed {
                 on_lost(format!("lost: {message}"));
             }
         });
-        let timestamp_period = features
-            .contains(wgpu::Features::TIMESTAMP_QUERY)
-            .then(|| queue.get_timestamp_period());
-        let gpu = Self {
-            device,
-            queue,
-            info,
-            timestamp_period,
-            reads_blocks: features.contains(blocks),
-            fault,
-            made: AtomicU64::new(0),
-            waits: AtomicU64::new(0),
-        };
-        Ok((Arc::new(gpu), adapter))
     }
 
     /// The first error the device reported, if any.

@@ -1,7 +1,7 @@
 //! Which pixels of a picture are drawn. Called by the render thread.
 
 use brickfell_culler::Camera;
-use glam::{DVec2, UVec2};
+use glam::{DVec2, DVec4, UVec2};
 
 use crate::effort::Effort;
 
@@ -34,6 +34,11 @@ impl Raster {
             first: 0.5 * step - 0.5,
             step,
         }
+    }
+
+    /// Where in the whole picture the first pixel is, and the step to the next one, in its pixels.
+    pub(crate) fn pixels(&self) -> DVec4 {
+        DVec4::from((self.first, self.step))
     }
 
     /// Screen coordinates of the rays of a column and of a row.

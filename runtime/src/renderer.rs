@@ -15,6 +15,7 @@ use brickfell_pager::{Lookahead, PageFault, PageKey, Pager, PagerConfig, PagerSt
 use crate::backend::{Backend, Cast, Device, Drawn};
 use crate::bias::BiasController;
 use crate::caster::{Feedback, MAX_TREES, REQUEST_CAPACITY};
+use crate::depth::Depths;
 use crate::effort::{Cost, Effort, EffortController, Wanted};
 use crate::error::RuntimeError;
 use crate::memory::{MAX_UPLOAD_BRICKS, PoolSizes};
@@ -117,6 +118,7 @@ pub struct Renderer {
     uploads: UploadBatch,
     bias: BiasController,
     effort: EffortController,
+    depths: Depths,
     /// The last frame's.
     camera: Option<Camera>,
     frame: u32,
@@ -212,6 +214,7 @@ impl Renderer {
             uploads: UploadBatch::default(),
             bias: BiasController::default(),
             effort: EffortController::default(),
+            depths: Depths::default(),
             camera: None,
             frame: 0,
             merges: 0,
@@ -318,7 +321,7 @@ impl Renderer {
     ) -> Result<Prepared, RuntimeError> {
         let start = Instant::now();
         settings.check(camera).map_err(RuntimeError::Argument)?;
-        self.backend.begin(camera, settings)?;
+        self.backend.begin(camera, settings, &self.depths)?;
         self.frame += 1;
         let frame = self.frame;
         let mut report = FrameReport {
@@ -465,6 +468,7 @@ impl Renderer {
             bias: report.bias,
             raster,
             request_share: self.request_share,
+            until: self.depths.until.as_ref().map(|d| d.scale),
             drawn: &drawn,
         });
         if is_read_back {
@@ -498,6 +502,27 @@ impl Renderer {
     /// `None` ends that.
     pub fn cull_from(&mut self, camera: Option<Camera>) {
         self.frozen = camera;
+    }
+
+    /// From now on rays end at the depths of polygons, or say where they have lost half of their light; the default ends both. What is
+    /// wrong with a depth texture is told by the next frame, and that only a GPU does this. A texture is read when a frame is
+    /// drawn: what fills it has to be submitted to the same queue before.
+    pub fn set_depths(&mut self, depths: Depths) {
+        self.depths = depths;
+    }
+
+    /// Depths of the last picture on the device, if they were asked for: an `R32Float` texture of which so many columns and
+    /// rows were drawn, with metres along the camera's axis, [`NO_DEPTH`](crate::depth::NO_DEPTH) where rays kept more than half of their light.
+    pub fn depth(&self) -> Option<(&wgpu::TextureView, [u32; 2])> {
+        self.backend.depth()
+    }
+
+    /// The same as values, a row after the other, and how many columns and rows; waits for the device.
+    ///
+    /// # Errors
+    /// If none were asked for or the device failed.
+    pub fn read_depths(&self) -> Result<(Vec<f32>, [u32; 2]), RuntimeError> {
+        self.backend.read_depths()
     }
 
     /// The trees in view of the last frame, front to back.

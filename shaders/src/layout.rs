@@ -62,6 +62,10 @@ pub struct Frame {
     /// Cones: width per metre toward the sun and the sky, how many widths above the surface they begin, and the cosine between the
     /// normal and those of the sky's that are not along it.
     pub cones: [f32; 4],
+    /// Where in the whole picture the first pixel is, and the step to the next one, in its pixels.
+    pub pixels: [f32; 4],
+    /// Depths at which rays end: a value is x + y / depth, or with a y of 0 the depth; z: where there is none. w unused.
+    pub depth_in: [f32; 4],
 }
 
 /// A tree in the list; `Tree` in `frame.wgsl`.
@@ -144,7 +148,7 @@ pub struct Scatter {
     pub slots: [u32; 4],
 }
 
-const _: () = assert!(size_of::<Frame>() == 240 && size_of::<Tree>() == 112 && size_of::<Scatter>() == 32);
+const _: () = assert!(size_of::<Frame>() == 272 && size_of::<Tree>() == 112 && size_of::<Scatter>() == 32);
 
 /// Bit of a node's first word: there is no data below.
 pub const TERMINAL: u32 = 1 << 31;

@@ -2,6 +2,23 @@
 //!
 //! A kernel's source is `frame.wgsl` (the shared structures) followed by the files of its topic. Nothing here needs a GPU:
 //! the tests parse and validate every source with naga and compare the structures' offsets with [`layout`].
+//!
+//! The crate is for `brickfell-runtime`, which fills and binds all that the kernels want. By itself it is of use to who reads what rays
+//! report:
+//!
+//! ```
+//! use brickfell_shaders::layout::Request;
+//!
+//! // The second tree of the frame's list lacks the node (5, 6, 7) of level 3.
+//! let words = [2 | 3 << 16, 5 | 6 << 20, 7 << 8];
+//! assert_eq!(Request::unpack(words), Some(Request { tree: 1, level: 3, node: [5, 6, 7] }));
+//! assert_eq!(Request::unpack([0; 3]), None);
+//! ```
+//!
+//! Constants that override those of the ray caster (`SUN_CONES`, `SKY_CONES`, `SHOWS`, `ENDS`, `DEPTHS`) are 0 unless something is asked
+//! for, and then cost nothing; its bindings are there all the same. Constants and plain values: any thread, no errors.
+//!
+//! [docs/raycasting.md](https://github.com/brickfell/brickfell/blob/main/docs/raycasting.md) has the rules that the kernels follow.
 
 pub mod layout;
 
@@ -113,6 +130,8 @@ mod tests {
                 normal_zero,
                 sky_middle,
                 cones,
+                pixels,
+                depth_in,
             ]
         );
         assert_layout!(

@@ -63,6 +63,12 @@ impl Passage {
         let enter = self.enter.max(depth);
         (enter < self.leave).then_some(Self { enter, ..self })
     }
+
+    /// What of it lies before a depth, `None` if nothing does.
+    pub(crate) fn until(self, depth: f64) -> Option<Self> {
+        let leave = self.leave.min(depth);
+        (self.enter < leave).then_some(Self { leave, ..self })
+    }
 }
 
 impl View {

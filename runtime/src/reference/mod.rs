@@ -31,6 +31,7 @@ mod tests_rays;
 mod tests_values;
 
 use std::io;
+use std::ops::Range;
 use std::sync::Arc;
 
 use brickfell_culler::Camera;
@@ -158,7 +159,7 @@ impl Reference {
                 let mut passages = Vec::new();
                 for (column, pixel) in pixels.iter_mut().enumerate() {
                     let ray = camera.ray(column as f64, row as f64);
-                    let rgba = scene.cast(ray, &mut passages, &mut counters)?;
+                    let rgba = scene.cast(ray, f64::INFINITY, &mut passages, &mut counters)?;
                     *pixel = rgba.map(|c| c as f32);
                 }
                 Ok(counters)
@@ -185,8 +186,23 @@ impl Reference {
         px: f64,
         py: f64,
     ) -> Result<[f64; 4], ReferenceError> {
+        self.cast_until(camera, settings, [px, py], f64::INFINITY)
+    }
+
+    /// The same ray as far as a depth, metres along the camera's axis: what lies behind is not there. Lights go on as if it were.
+    ///
+    /// # Errors
+    /// As [`Reference::render`].
+    pub fn cast_until(
+        &self,
+        camera: &Camera,
+        settings: &RenderSettings,
+        [px, py]: [f64; 2],
+        depth: f64,
+    ) -> Result<[f64; 4], ReferenceError> {
         let scene = Scene::new(self, camera, settings)?;
-        scene.cast(camera.ray(px, py), &mut Vec::new(), &mut RayCounters::default())
+        let counters = &mut RayCounters::default();
+        scene.cast(camera.ray(px, py), depth, &mut Vec::new(), counters)
     }
 
     /// Depth, in lengths of the direction, at which a single ray has lost half of its light; of one that never does the mean depth of what it
@@ -205,7 +221,8 @@ impl Reference {
         let scene = Scene::through(self, direction.normalize_or(DVec3::Z), lens, &settings);
         let views = |k: usize| &scene.trees[k].1;
         let ray = Ray::new(DVec3::ZERO, direction);
-        let seen = scene.gather::<true>(&ray, &scene.lens, views, 0.0, &mut Vec::new())?;
+        let all = 0.0..f64::INFINITY;
+        let seen = scene.gather::<true>(&ray, &scene.lens, views, all, &mut Vec::new())?;
         Ok(seen.surface().map(|surface| surface.depth))
     }
 }
@@ -264,18 +281,19 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Premultiplied linear RGBA of a ray. `passages` is scratch, so that rays do not allocate.
+    /// Premultiplied linear RGBA of a ray that ends at a depth. `passages` is scratch, so that rays do not allocate.
     fn cast(
         &self,
         direction: DVec3,
+        until: f64,
         passages: &mut Vec<(Passage, usize)>,
         counters: &mut RayCounters,
     ) -> Result<[f64; 4], ReferenceError> {
         let views = |k: usize| &self.trees[k].1;
         let ray = Ray::new(DVec3::ZERO, direction);
         let mut transport = match self.lights {
-            None => self.gather::<false>(&ray, &self.lens, views, 0.0, passages)?,
-            Some(_) => self.gather::<true>(&ray, &self.lens, views, 0.0, passages)?,
+            None => self.gather::<false>(&ray, &self.lens, views, 0.0..until, passages)?,
+            Some(_) => self.gather::<true>(&ray, &self.lens, views, 0.0..until, passages)?,
         };
         let mut kept = 1.0;
         if let Some((lights, surface)) = self.lights.as_ref().zip(transport.surface()) {
@@ -284,7 +302,8 @@ impl<'a> Scene<'a> {
                 let Some(lens) = &lights.lenses()[cone.light] else {
                     return Ok(1.0);
                 };
-                let hidden = self.gather::<false>(&cone.ray, lens, views, cone.start, passages)?;
+                let behind = cone.start..f64::INFINITY;
+                let hidden = self.gather::<false>(&cone.ray, lens, views, behind, passages)?;
                 transport.counters = transport.counters + hidden.counters;
                 Ok(hidden.transmittance())
             })?;
@@ -294,18 +313,18 @@ impl<'a> Scene<'a> {
         Ok(rgba)
     }
 
-    /// What a ray gathers from a depth on.
+    /// What a ray gathers between two depths.
     fn gather<'v, const LIT: bool>(
         &self,
         ray: &Ray<f64>,
         lens: &Lens,
         views: impl Fn(usize) -> &'v View,
-        start: f64,
+        depths: Range<f64>,
         passages: &mut Vec<(Passage, usize)>,
     ) -> Result<Transport<f64>, ReferenceError> {
         passages.clear();
         let entered = (0..self.trees.len()).filter_map(|k| {
-            let passage = views(k).passage(ray)?.from(start)?;
+            let passage = views(k).passage(ray)?.from(depths.start)?.until(depths.end)?;
             Some((passage, k))
         });
         passages.extend(entered);

@@ -42,7 +42,9 @@ pub(super) fn shoot(
     };
     let scene = Scene::through(reference, DVec3::Y, lens, &settings);
     let mut counters = RayCounters::default();
-    let rgba = scene.cast(direction, &mut Vec::new(), &mut counters).unwrap();
+    let rgba = scene
+        .cast(direction, f64::INFINITY, &mut Vec::new(), &mut counters)
+        .unwrap();
     assert!(
         rgba.iter().all(|c| c.is_finite()) && (0.0..=1.0).contains(&rgba[3]),
         "{eye} {direction}: {rgba:?}"

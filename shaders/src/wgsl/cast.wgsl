@@ -23,6 +23,9 @@
 @group(0) @binding(13) var<storage, read> occupancy: array<u32>;
 // The trees that the rays of each tile may meet.
 @group(0) @binding(14) var<storage, read> lists: array<u32>;
+// Where rays end, and where they have lost half of their light; both only if that is asked for.
+@group(0) @binding(15) var depth_in: texture_2d<f32>;
+@group(0) @binding(16) var depth_out: texture_storage_2d<r32float, write>;
 
 // Requests that one ray may make.
 const MAX_REQUESTS: u32 = 16u;
@@ -34,6 +37,9 @@ override SUN_CONES: u32 = 0u;
 override SKY_CONES: u32 = 0u;
 // What is shown instead of the terrain: 0 nothing, else as `Shows` in runtime/src/settings.rs counts.
 override SHOWS: u32 = 0u;
+// 1: rays end at depths; depths are written.
+override ENDS: u32 = 0u;
+override DEPTHS: u32 = 0u;
 
 // What the rays of a pixel have in common: screen coordinates, and the direction, world metres per metre of depth.
 var<private> screen: vec2<f32>;
@@ -63,8 +69,9 @@ var<private> seen_missing: bool;
 // A ray's state across trees.
 // Its direction, of length 1.
 var<private> heading: vec3<f32>;
-// Depth before which it meets nothing.
+// Depth before which it meets nothing, and where it ends.
 var<private> start: f32;
+var<private> end: f32;
 var<private> rgb: vec3<f32>;
 var<private> transmittance: f32;
 var<private> requests_left: u32;
@@ -247,7 +254,10 @@ fn march(tree_index: u32, path_length: f32) {
     let t_out = select(max(t_low, t_high), vec3(FAR), parallel);
     let enter = max(max(t_in.x, t_in.y), t_in.z);
     var t = max(enter, first);
-    let leave = min(min(t_out.x, t_out.y), t_out.z);
+    var leave = min(min(t_out.x, t_out.y), t_out.z);
+    if (ENDS > 0u && !is_cone) {
+        leave = min(leave, end - depth0);
+    }
     if (!(t < leave)) {
         return;
     }
@@ -483,7 +493,7 @@ fn march(tree_index: u32, path_length: f32) {
         }
         samples += u32(texture_reads != reads);
         if (light.a > 0.0) {
-            if (SUN_CONES + SKY_CONES + SHOWS > 0u && !is_cone) {
+            if (SUN_CONES + SKY_CONES + SHOWS + DEPTHS > 0u && !is_cone) {
                 if (note(light, depth0 + t, t_next - t, 1.0 / tree.inv_voxel)) {
                     seen_tree = tree_index;
                     seen_level = level;
@@ -562,6 +572,14 @@ fn begin_cone(index: u32, a: f32) -> f32 {
     return share / all;
 }
 
+// Where the ray of a pixel ends: depths are those of the whole picture, of which fewer pixels may be drawn.
+fn end_of(pixel: vec2<u32>) -> f32 {
+    let at = vec2<u32>(max(frame.pixels.xy + frame.pixels.zw * vec2<f32>(pixel) + 0.5, vec2(0.0)));
+    let value = textureLoad(depth_in, min(at, textureDimensions(depth_in) - 1u), 0).x;
+    let depth = select(frame.depth_in.y / (value - frame.depth_in.x), value, frame.depth_in.y == 0.0);
+    return select(FAR, depth, value != frame.depth_in.z && depth < FAR);
+}
+
 @compute @workgroup_size(8, 8)
 fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     if (any(id.xy >= frame.size)) {
@@ -577,6 +595,9 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
     start = bitcast<f32>(lists[list + 1u]);
     let is_listed = frame.lists != 0u && lists[list] <= LIST_TREES;
     half_depth = -1.0;
+    if (ENDS > 0u) {
+        end = end_of(id.xy);
+    }
     var color = vec4(0.0);
     var kept = 1.0;
     for (var k = 0u; k <= SUN_CONES + SKY_CONES; k++) {
@@ -628,6 +649,9 @@ fn cast_rays(@builtin(global_invocation_id) id: vec3<u32>) {
         color = shown_instead(color);
     }
     textureStore(output, id.xy, color);
+    if (DEPTHS > 0u) {
+        textureStore(depth_out, id.xy, vec4(select(FAR, half_depth, half_depth >= 0.0)));
+    }
     feedback[id.y * frame.size.x + id.x] =
         vec2(min(node_reads, 16383u) | min(samples, 16383u) << 14u | flags, texture_reads);
 }

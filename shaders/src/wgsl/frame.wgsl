@@ -50,6 +50,10 @@ struct Frame {
     // Cones: width per metre toward the sun and the sky, how many widths above the surface they begin, and the cosine between the normal
     // and those of the sky's that are not along it.
     cones: vec4<f32>,
+    // Where in the whole picture the first pixel is, and the step to the next one, in its pixels.
+    pixels: vec4<f32>,
+    // Depths at which rays end: a value is x + y / depth, or with a y of 0 the depth; z: where there is none. w unused.
+    depth_in: vec4<f32>,
 }
 
 struct Tree {

@@ -47,7 +47,7 @@ fn cast(segment_shift: u32, max_steps: u32) -> Feedback {
     let sizes = PoolSizes::fit(1 << 20, Centre, Layers::Plain, false, &gpu.device.limits()).unwrap();
     let mut memory = PoolMemory::new(&gpu, sizes).unwrap();
     let mut caster = Caster::new(&gpu, &memory).unwrap();
-    caster.prepare(&gpu, &memory, [8, 8], Kernel::default()).unwrap();
+    (caster.prepare(&gpu, &memory, [8, 8], Kernel::default(), None)).unwrap();
     let frame = layout::Frame {
         size: [8, 8],
         tree_count: 1,

@@ -5,6 +5,7 @@
 #![allow(clippy::unwrap_used, reason = "what fails here fails the test that called it")]
 
 mod counters;
+mod depths;
 mod directions;
 mod extremes;
 mod places;

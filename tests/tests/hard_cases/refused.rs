@@ -5,6 +5,7 @@ use std::sync::Arc;
 use brickfell_formats::{octree_binary, octree_xml};
 use brickfell_pager::{MemoryStore, Store as _};
 use brickfell_runtime::error::RuntimeError;
+use brickfell_runtime::gpu::Gpu;
 use brickfell_runtime::reference::{Reference, ReferenceError};
 use brickfell_runtime::renderer::RendererConfig;
 use brickfell_runtime::terrain::{SCENE_FILE, Terrain};
@@ -222,5 +223,48 @@ fn numbers_in_files_that_are_no_sizes() {
                 draw(&with(&entry, attribute, value), SCENE_FILE, 1);
             }
         }
+    });
+}
+
+#[test]
+fn a_device_of_an_application_that_has_too_little() {
+    exactly("refused::a_device_of_an_application_that_has_too_little", || {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
+        let open = |required_limits: wgpu::Limits| {
+            let descriptor = wgpu::DeviceDescriptor {
+                required_limits,
+                ..Default::default()
+            };
+            let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
+            Gpu::from_parts(device, queue)
+        };
+        let error = open(wgpu::Limits::default()).unwrap_err().to_string();
+        assert!(error.contains("storage buffers"), "{error}");
+        // With what is asked for and nothing else it draws the same, and says what goes wrong once it is asked to watch.
+        let gpu = Arc::new(open(Gpu::limits(wgpu::Limits::default())).unwrap());
+        let world = neighbours().finish();
+        let config = RendererConfig {
+            gpu_budget: SMALL_POOL,
+            ..RendererConfig::default()
+        };
+        let terrain = Terrain::open(&world.store).unwrap();
+        let mut renderer = Renderer::new(gpu.clone(), Arc::clone(&world.store), terrain, config).unwrap();
+        let camera = look(DVec3::new(-30.0, -20.0, 20.0), DVec3::new(1.0, 1.0, -0.6), 40, 30);
+        let settings = RenderSettings::default();
+        let (own, _) = settled(&mut renderer, &camera, &settings);
+        let (opened, _) = settled(&mut world.renderer_within(SMALL_POOL), &camera, &settings);
+        assert_eq!(own, opened);
+        gpu.watch();
+        let _refused = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: 3,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::STORAGE,
+            mapped_at_creation: false,
+        });
+        assert!(matches!(
+            renderer.frame(&camera, &settings),
+            Err(RuntimeError::Device(_))
+        ));
     });
 }
