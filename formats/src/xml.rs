@@ -15,10 +15,7 @@ use quick_xml::events::Event;
 pub(crate) use element::{Attribute, Element};
 pub(crate) use write::{write_f64, write_text};
 
-use crate::error::FormatError;
-
-/// Longest message, in characters.
-const MAX_MESSAGE: usize = 400;
+use crate::error::{FormatError, one_line};
 
 /// A step through the document.
 #[derive(Debug)]
@@ -45,12 +42,10 @@ fn error_at(text: &str, at: usize, message: impl AsRef<str>) -> FormatError {
     let before = text.get(..at.min(text.len())).unwrap_or(text);
     let line = before.bytes().filter(|b| *b == b'\n').count() + 1;
     let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
-    let clean = |c: char| if c.is_control() { ' ' } else { c };
-    let message: String = message.as_ref().chars().take(MAX_MESSAGE).map(clean).collect();
     FormatError::line(
         u32::try_from(line).unwrap_or(u32::MAX),
         u32::try_from(column).unwrap_or(u32::MAX),
-        message,
+        one_line(message),
     )
 }
 

@@ -20,3 +20,4 @@ mod inputs;
 mod paging;
 mod rasters;
 mod resume;
+mod schema;
