@@ -17,7 +17,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::convert::is_compressed;
-use super::database::{folder_bytes, located, open_scene, print, read_octree};
+use super::database::{folder_bytes, open_scene, print, read_octree};
+use super::fault::Fault;
 use super::{CommandError, open_terrain};
 
 /// Arguments of `info`.
@@ -175,7 +176,7 @@ fn inspect(args: &Args) -> Result<Info, CommandError> {
     })
 }
 
-fn inspect_tree(store: &dyn Store, name: &str) -> Result<TreeInfo, String> {
+fn inspect_tree(store: &dyn Store, name: &str) -> Result<TreeInfo, Fault> {
     let octree = read_octree(store, name)?;
     let header = octree.header;
     let file = file_len(store, name)?;
@@ -204,21 +205,21 @@ fn inspect_tree(store: &dyn Store, name: &str) -> Result<TreeInfo, String> {
 }
 
 /// Bytes that the nodes of each level take in the octree file; none where it is XML, in which levels have no place.
-fn node_bytes(store: &dyn Store, name: &str, octree: &Octree) -> Result<Vec<u64>, String> {
+fn node_bytes(store: &dyn Store, name: &str, octree: &Octree) -> Result<Vec<u64>, Fault> {
     let len = file_len(store, name)?;
     let prefix = len.min(octree_binary::prefix_len() as u64) as usize;
-    let head = store.read(name, 0, prefix).map_err(|e| located(store, name, e))?;
+    let head = (store.read(name, 0, prefix)).map_err(|e| Fault::unreadable(store, name, "read", &e))?;
     if !octree_binary::is_binary(&head) {
         return Ok(vec![0; octree.levels.len()]);
     }
-    let index = octree_binary::decode_header(&head, len).map_err(|e| located(store, name, e))?;
+    let index = octree_binary::decode_header(&head, len).map_err(|e| Fault::new(store, name, e))?;
     Ok(index.levels.iter().map(|level| level.bytes).collect())
 }
 
-fn file_len(store: &dyn Store, name: &str) -> Result<u64, String> {
+fn file_len(store: &dyn Store, name: &str) -> Result<u64, Fault> {
     store
         .len(name)
-        .map_err(|e| located(store, name, format_args!("file: cannot be opened: {e}")))
+        .map_err(|e| Fault::unreadable(store, name, "opened", &e))
 }
 
 /// The figures as text for people.

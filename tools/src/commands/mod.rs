@@ -10,6 +10,7 @@ pub mod compare;
 pub mod convert;
 pub(crate) mod database;
 pub mod demo;
+pub(crate) mod fault;
 pub mod fly;
 pub mod info;
 pub mod input_args;

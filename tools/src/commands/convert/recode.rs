@@ -18,7 +18,8 @@ use rayon::prelude::*;
 
 use super::{Args, Octrees};
 use crate::commands::check::bricks::{Level, codes};
-use crate::commands::database::{located, read_octree};
+use crate::commands::database::read_octree;
+use crate::commands::fault::Fault;
 
 /// Chunks that are read, decoded and encoded together.
 const BATCH: u32 = 64;
@@ -42,7 +43,7 @@ fn tree(store: &FolderStore, name: &str, args: &Args) -> Result<(), String> {
     if let Some(folder) = path.parent() {
         create_folder(folder)?;
     }
-    let fail = |e: brickfell_formats::FormatError| located(store, name, e);
+    let fail = |e: brickfell_formats::FormatError| Fault::new(store, name, e);
     match args.octrees {
         None => copy(store, name, &args.out)?,
         Some(Octrees::Xml) => write(&path, octree_xml::encode(&octree).map_err(fail)?.as_bytes())?,
@@ -93,7 +94,7 @@ fn level_bricks(level: &Level, args: &Args) -> Result<(), String> {
     let encoding = Encoding::from(args.encoding);
     let path = args.out.join(&level.file);
     let io = |e: std::io::Error| format!("{}: {e}", path.display());
-    let fail = |e: brickfell_formats::FormatError| located(level.store, &level.file, e);
+    let fail = |e: brickfell_formats::FormatError| Fault::new(level.store, &level.file, e);
     let mut file = File::create(&path).map_err(io)?;
     file.write_all(&[0; HEADER_BYTES]).map_err(io)?;
     let mut writer = BrickFileWriter::new(level.level, level.layout, chunk_log2, encoding)
@@ -163,7 +164,7 @@ fn add(open: &mut Vec<Open>, brick: u64, chunk_log2: u8, from: &Chunk, k: usize)
 }
 
 fn copy(store: &dyn Store, name: &str, out: &Path) -> Result<(), String> {
-    let fail = |e: std::io::Error| located(store, name, e);
+    let fail = |e: std::io::Error| Fault::unreadable(store, name, "read", &e);
     let len = store.len(name).map_err(fail)?;
     let bytes = store.read(name, 0, len as usize).map_err(fail)?;
     write(&out.join(name), &bytes)
