@@ -10,6 +10,7 @@ mod tests;
 mod write;
 
 use quick_xml::Reader;
+use quick_xml::errors::IllFormedError;
 use quick_xml::events::Event;
 
 pub(crate) use element::{Attribute, Element};
@@ -139,7 +140,13 @@ impl<'a> Document<'a> {
                 Ok(Event::Empty(_)) => return Err(fault("an unexpected empty element")),
                 Err(e) => {
                     let at = self.reader.error_position() as usize;
-                    return Err(error_at(self.text, at, e.to_string()));
+                    let fault = error_at(self.text, at, e.to_string());
+                    return Err(match e {
+                        quick_xml::Error::IllFormed(IllFormedError::DoubleHyphenInComment) => {
+                            fault.suggest("a comment ends with --> and has no -- before".to_string())
+                        }
+                        _ => fault,
+                    });
                 }
             }
         }

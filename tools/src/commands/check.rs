@@ -20,12 +20,13 @@ use brickfell_formats::bricks::brick_file_name;
 use brickfell_formats::scene::{Bounds, CoarseOctTree, Group, PagedOctTree, Scene};
 use brickfell_pager::FolderStore;
 use brickfell_runtime::terrain::SCENE_FILE;
-use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
+use indicatif::{HumanBytes, HumanCount, ProgressBar};
 use rayon::prelude::*;
 
 use super::CommandError;
 use super::database::{folder_bytes, open_folder, print};
 use super::fault::Fault;
+use super::say::bar;
 use serde::Serialize;
 use source::Source;
 use tree::TreeReport;
@@ -60,9 +61,9 @@ struct Report {
 pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     let (store, text) = open_folder(&args.dir)?;
     let bytes = folder_bytes(&args.dir)?;
-    let bar = ProgressBar::new(bytes).with_style(
-        ProgressStyle::with_template("{bar:32} {bytes}/{total_bytes}  {bytes_per_sec}  {eta} left")
-            .unwrap_or_else(|_| ProgressStyle::default_bar()),
+    let bar = bar(
+        bytes,
+        "{bar:32} {bytes}/{total_bytes}  {bytes_per_sec}  {eta} left",
     );
     let mut report = check(&store, &args.dir, &text, &bar);
     report.bytes = bytes;
@@ -250,8 +251,12 @@ fn check_reference(source: &Source, reference: &PagedOctTree, tree: &TreeReport,
         report.faults.push(source.reference(name, what));
         drawn = octree;
     }
-    let center = (drawn.min + drawn.max) * 0.5;
-    let needed = reference.center.distance(center) + (drawn.max - drawn.min).length() * 0.5;
+    // As far as the corner that is farthest from the centre.
+    let center = reference.center;
+    let needed = (center - drawn.min)
+        .abs()
+        .max((drawn.max - center).abs())
+        .length();
     // A per mille covers radii written with few digits.
     if needed > reference.radius * 1.001 + slack {
         let what = format!(

@@ -56,14 +56,10 @@ impl<'a> Source<'a> {
             let other = |name: &String| name != SCENE_FILE && !name.ends_with(".brk");
             all.into_iter().filter(other).collect()
         });
-        let last = |name: &str| name.rsplit('/').next().map(str::to_string);
-        let elsewhere = || {
-            files
-                .iter()
-                .map(String::as_str)
-                .find(|name| last(name) == last(file))
-        };
-        let meant = nearest(file, files.iter().map(String::as_str)).or_else(elsewhere);
+        let last = |name: &str| name.rfind('/').map_or(name, |k| &name[k + 1..]).to_string();
+        let mut elsewhere = files.iter().map(String::as_str);
+        let meant = elsewhere.find(|name| last(name) == last(file));
+        let meant = meant.or_else(|| nearest(file, files.iter().map(String::as_str)));
         let suggestion = meant.map(|name| format!("did you mean {name}?"));
         Fault::new(self.store, SCENE_FILE, error.suggest(suggestion))
     }

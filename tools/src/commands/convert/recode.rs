@@ -14,6 +14,7 @@ use brickfell_formats::{morton, octree_binary, octree_xml};
 use brickfell_pager::{FolderStore, Store};
 use brickfell_runtime::terrain::SCENE_FILE;
 use glam::UVec3;
+use indicatif::ProgressBar;
 use rayon::prelude::*;
 
 use super::{Args, Octrees};
@@ -28,10 +29,16 @@ const BATCH: u32 = 64;
 ///
 /// # Errors
 /// One line: path, place, reason.
-pub(super) fn recode(store: &FolderStore, names: &[&str], args: &Args) -> Result<(), String> {
+pub(super) fn recode(
+    store: &FolderStore,
+    names: &[&str],
+    args: &Args,
+    bar: &ProgressBar,
+) -> Result<(), String> {
     create_folder(&args.out)?;
     for name in names {
         tree(store, name, args)?;
+        bar.inc(1);
     }
     // Last: a folder without it is no database.
     copy(store, SCENE_FILE, &args.out)
@@ -56,7 +63,7 @@ fn tree(store: &FolderStore, name: &str, args: &Args) -> Result<(), String> {
 }
 
 /// The levels of a tree that have bricks.
-pub(super) fn levels<'a>(store: &'a FolderStore, name: &str, octree: &Octree) -> Vec<Level<'a>> {
+pub(crate) fn levels<'a>(store: &'a FolderStore, name: &str, octree: &Octree) -> Vec<Level<'a>> {
     let mut positions = vec![UVec3::ZERO];
     let mut levels = Vec::new();
     for (level, nodes) in (0..).zip(&octree.levels) {
