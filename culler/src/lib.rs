@@ -10,7 +10,7 @@
 //! | [`Camera`] | the one camera value for culling and drawing; pixels to rays and back |
 //! | [`Aabb`] | box in world metres, half-open where a tree owns it |
 //! | [`SceneGraph`], [`SceneBuilder`] | groups nested over trees, one flat array, bounds computed bottom-up |
-//! | [`Visitor`] | a walk over all of it; [`Printer`] and [`Statistics`] are two |
+//! | [`Visitor`] | a walk over all of it; [`Statistics`] is one |
 //! | [`Expiry`] | which trees were not used for a while, at the cost of those in use |
 //! | [`Frustum`], [`PlaneMask`] | box against the view pyramid; children test only what their group straddles |
 //! | [`Culler`], [`CullResult`] | visible trees front to back, trees to prefetch, last-access frames |
@@ -90,4 +90,4 @@ pub use expiry::Expiry;
 pub use frustum::{Containment, Frustum, PlaneMask};
 pub use order::{Precedence, exact_precedence, never_aligned, overlapping_pairs, precedence};
 pub use scene::{Descend, GroupId, GroupInfo, SceneGraph, TreeId, Visitor};
-pub use visitors::{Printer, Statistics};
+pub use visitors::Statistics;

@@ -4,7 +4,7 @@
 
 use std::error::Error;
 
-use brickfell_culler::{Aabb, Camera, CullResult, Culler, Printer, SceneGraph, TreeId, VisibleTree};
+use brickfell_culler::{Aabb, Camera, CullResult, Culler, SceneGraph, TreeId, VisibleTree};
 use glam::{DVec3, dvec3};
 
 /// The tree that stands on the others.
@@ -44,9 +44,6 @@ fn in_view(seen: &CullResult, tree: TreeId) -> bool {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let scene = scene()?;
-    let mut printer = Printer::new(2);
-    scene.accept(&mut printer);
-    print!("{}", printer.finish());
 
     // From the middle of the southern edge to the north-west: the tower is behind the camera's right shoulder.
     let eye = dvec3(200.0, -20.0, 150.0);

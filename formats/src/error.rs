@@ -28,14 +28,25 @@ impl fmt::Display for Place {
     }
 }
 
-/// A file that cannot be used, with the place and the reason on one line.
+/// A file that cannot be used, with the place, the reason and what to do about it on one line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{place}: {message}")]
+#[error("{place}: {message}{}", Tail(suggestion))]
 pub struct FormatError {
     /// Where.
     pub place: Place,
     /// What is wrong there, one line.
     pub message: String,
+    /// What was probably meant, or what may stand there, one line.
+    pub suggestion: Option<String>,
+}
+
+/// A suggestion behind a message.
+struct Tail<'a>(&'a Option<String>);
+
+impl fmt::Display for Tail<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.as_ref().map_or(Ok(()), |s| write!(f, "; {s}"))
+    }
 }
 
 impl FormatError {
@@ -44,6 +55,7 @@ impl FormatError {
         Self {
             place: Place::Offset(offset),
             message: message.into(),
+            suggestion: None,
         }
     }
 
@@ -52,6 +64,7 @@ impl FormatError {
         Self {
             place: Place::File,
             message: message.into(),
+            suggestion: None,
         }
     }
 
@@ -60,6 +73,23 @@ impl FormatError {
         Self {
             place: Place::Line { line, column },
             message: message.into(),
+            suggestion: None,
         }
     }
+
+    /// The same with what was probably meant, or what may stand there; of several suggestions the last counts. Like messages it is
+    /// kept to one line of bearable length.
+    pub fn suggest(mut self, suggestion: impl Into<Option<String>>) -> Self {
+        self.suggestion = suggestion.into().map(one_line).or(self.suggestion);
+        self
+    }
+}
+
+/// Longest message, in characters.
+const MAX_MESSAGE: usize = 400;
+
+/// A message in which names and values of a file may be: one line of bearable length.
+pub(crate) fn one_line(message: impl AsRef<str>) -> String {
+    let clean = |c: char| if c.is_control() { ' ' } else { c };
+    message.as_ref().chars().take(MAX_MESSAGE).map(clean).collect()
 }

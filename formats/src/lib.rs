@@ -76,7 +76,9 @@ mod pack;
 pub mod scene;
 pub mod steps;
 pub mod value;
+mod words;
 mod xml;
 
 pub use error::{FormatError, Place};
 pub use pack::{Costs, Part};
+pub use words::nearest;

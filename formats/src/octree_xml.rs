@@ -12,19 +12,12 @@ use crate::layout::{BRICK_VOXELS, SampleLayout};
 use crate::octree::{MAX_DEPTH, Node, NodeData, Octree, TreeHeader, count_bricks};
 use crate::scene::parse_brick_size;
 use crate::value::{decode_color, linear_to_srgb};
+use crate::words::{self, BRICK_SIZE, DELTA, ORIGIN, SURFACE, VOLUME};
 use crate::xml::{Attribute, Document, Element, Token, write_f64, write_text};
 
 /// Version written and read.
 pub const VERSION: u32 = 1;
 
-const ORIGIN: [&str; 3] = ["X", "Y", "Z"];
-const DELTA: [&str; 3] = ["DeltaX", "DeltaY", "DeltaZ"];
-const VOLUME: [&str; 3] = ["VolumeXSize", "VolumeYSize", "VolumeZSize"];
-const BRICK_SIZE: [&str; 3] = ["BrickXSize", "BrickYSize", "BrickZSize"];
-const SURFACE: [[&str; 3]; 2] = [
-    ["SurfaceMinX", "SurfaceMinY", "SurfaceMinZ"],
-    ["SurfaceMaxX", "SurfaceMaxY", "SurfaceMaxZ"],
-];
 const LAYOUTS: [(&str, SampleLayout); 2] =
     [("CENTRE", SampleLayout::Centre), ("CORNER", SampleLayout::Corner)];
 
@@ -105,9 +98,10 @@ struct Levels {
 impl Levels {
     fn open<'a>(&mut self, element: Element<'a>, open: &mut [Open<'a>]) -> Result<Open<'a>, FormatError> {
         if element.name != "Node" {
-            return Err(element.error("unknown element (Node expected)"));
+            let about = words::NODE.about_inside(element.name);
+            return Err(element.error("unknown element (Node expected)").suggest(about));
         }
-        element.allow(&["Type", "Brick", "Color"])?;
+        element.allow(&words::NODE)?;
         let level = open.len();
         let deepest = self.nodes.len() - 1;
         let Some(nodes) = self.nodes.get_mut(level) else {
@@ -170,10 +164,8 @@ impl Levels {
     fn close(&mut self, open: &Open, level: usize) -> Result<(), FormatError> {
         let data = self.nodes[level][open.index].data();
         match open.children {
-            0 if open.node_type != NodeType::NonConst && open.color.is_none() => {
-                return Err(open.element.error("attribute Color is missing"));
-            }
-            0 => return Ok(()),
+            0 if open.node_type == NodeType::NonConst => return Ok(()),
+            0 => return open.element.required("Color").map(|_| ()),
             8 => {}
             n => {
                 return Err(open
@@ -216,11 +208,7 @@ fn parse_header(root: &Element) -> Result<(TreeHeader, bool), FormatError> {
     if root.name != "GigaVoxelsOctTree" {
         return Err(root.error("unknown root element (GigaVoxelsOctTree expected)"));
     }
-    let mut known = vec!["Version", "Binary", "Layout", "Gain", "SurfaceVoxels"];
-    for names in [ORIGIN, DELTA, VOLUME, BRICK_SIZE, SURFACE[0], SURFACE[1]] {
-        known.extend(names);
-    }
-    root.allow(&known)?;
+    root.allow(&words::OCTREE)?;
     if let Some(version) = root.optional("Version")
         && version.integer::<u32>()? != VERSION
     {
@@ -282,7 +270,9 @@ fn parse_color(attribute: &Attribute) -> Result<[u8; 4], FormatError> {
     {
         return Ok(rgba.to_be_bytes());
     }
-    Err(attribute.error("is not a colour (#rrggbbaa)"))
+    Err(attribute
+        .error("is not a colour (#rrggbbaa)")
+        .suggest(words::example("Color")))
 }
 
 /// Writes a tree. Colours of all constant nodes are explicit, so that [`decode`] gives the same tree, bit for bit.

@@ -9,11 +9,16 @@
 //! Groups nest, and may have coarse trees ([`CoarseOctTree`]) that stand for all that is in them from afar. What is read has finite numbers within ±1e15 m, boxes with Min ≤ Max and tree files inside the terrain's
 //! folder; anything unknown is an error with its line and column. `docs/formats.md` lists every attribute.
 
+mod read;
+
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 
-use crate::error::FormatError;
+use crate::error::{FormatError, Place};
 use crate::layout::BRICK_VOXELS;
-use crate::xml::{Document, Element, Token, write_f64, write_text};
+use crate::words::{BRICK_SIZE, CENTER, MAX, MIN};
+use crate::xml::{Element, write_f64, write_text};
 
 /// Version written and read.
 pub const VERSION: u32 = 1;
@@ -82,11 +87,6 @@ pub struct Bounds {
     pub max: DVec3,
 }
 
-const MIN: [&str; 3] = ["MinX", "MinY", "MinZ"];
-const MAX: [&str; 3] = ["MaxX", "MaxY", "MaxZ"];
-const CENTER: [&str; 3] = ["CenterX", "CenterY", "CenterZ"];
-const BRICK_SIZE: [&str; 3] = ["BrickXSize", "BrickYSize", "BrickZSize"];
-
 impl Scene {
     /// Reads a scene.
     ///
@@ -98,71 +98,20 @@ impl Scene {
         faults.into_iter().next().map_or(Ok(scene), Err)
     }
 
-    /// Reads what can be used of a scene: trees with a fault in their attributes are left out, groups with one count as if
-    /// they had none, and the faults come beside the scene. For those who show what can be shown.
+    /// Reads what can be used of a scene: trees with a fault in their attributes and unknown elements are left out, groups with a
+    /// fault count as if they had no attributes, and all faults come beside the scene, in the order of the file. For those who show what
+    /// can be shown, and those who list what is wrong.
     ///
     /// # Errors
-    /// Text that is not XML, unknown elements, groups that nest too deep, too many trees.
+    /// Text that is not XML or no scene, groups that nest too deep, too many trees.
     pub fn parse_usable(bytes: &[u8]) -> Result<(Scene, Vec<FormatError>), FormatError> {
-        let mut faults = Vec::new();
-        let mut document = Document::new(bytes)?;
-        let (mut trees, mut coarse, mut groups) = (0, 0, 0);
-        let (mut crs, mut root) = (None, None);
-        // The groups that are open; a tree element, which has no content, is not among them.
-        let mut open: Vec<Group> = Vec::new();
-        let mut in_tree = false;
-        loop {
-            match document.next()? {
-                Token::Open(element) if in_tree => {
-                    return Err(element.error("a tree has no elements inside"));
-                }
-                Token::Open(element) if element.name == "OctTreeGroup" => {
-                    if open.len() == MAX_NESTING {
-                        return Err(element.error(format!("groups nest deeper than {MAX_NESTING}")));
-                    }
-                    groups = count(&element, groups)?;
-                    let group = parse_group(&element, open.is_empty()).unwrap_or_else(|fault| {
-                        faults.push(fault);
-                        Group::default()
-                    });
-                    if open.is_empty() {
-                        crs = element.optional("Crs").map(|a| a.value().to_string());
-                    }
-                    open.push(group);
-                }
-                Token::Open(element) => match open.last_mut() {
-                    Some(group) if element.name == "PagedOctTree" => {
-                        trees = count(&element, trees)?;
-                        match parse_tree(&element, &[]) {
-                            Ok(tree) => group.trees.push(tree),
-                            Err(fault) => faults.push(fault),
-                        }
-                        in_tree = true;
-                    }
-                    Some(group) if element.name == "CoarseOctTree" => {
-                        coarse = count(&element, coarse)?;
-                        match parse_coarse(&element) {
-                            Ok(tree) => group.coarse.push(tree),
-                            Err(fault) => faults.push(fault),
-                        }
-                        in_tree = true;
-                    }
-                    Some(_) => return Err(element.error("unknown element in OctTreeGroup")),
-                    None => return Err(element.error("unknown root element (OctTreeGroup expected)")),
-                },
-                Token::Close if in_tree => in_tree = false,
-                Token::Close => {
-                    let group = open.pop();
-                    match open.last_mut() {
-                        Some(parent) => parent.groups.extend(group),
-                        None => root = group,
-                    }
-                }
-                Token::End => break,
-            }
-        }
-        root.map(|root| (Scene { crs, root }, faults))
-            .ok_or_else(|| FormatError::file("the scene has no root group"))
+        read::read(bytes)
+    }
+
+    /// Where a scene names its tree files: the place of each `TreeFile`, of several that name the same file the first. Empty if the text
+    /// is not XML.
+    pub fn tree_file_places(bytes: &[u8]) -> BTreeMap<String, Place> {
+        read::tree_file_places(bytes)
     }
 
     /// Writes the scene; [`Scene::parse`] gives it back exactly. In a group, coarse trees stand before trees, trees before
@@ -194,74 +143,6 @@ impl Scene {
     }
 }
 
-fn count(element: &Element, so_far: usize) -> Result<usize, FormatError> {
-    if so_far == MAX_ITEMS {
-        return Err(element.error(format!("a scene has at most {MAX_ITEMS} of these")));
-    }
-    Ok(so_far + 1)
-}
-
-fn parse_group(element: &Element, is_root: bool) -> Result<Group, FormatError> {
-    let mut known = vec!["Compressed"];
-    known.extend(BRICK_SIZE.iter().chain(&MIN).chain(&MAX));
-    if is_root {
-        known.extend(["Version", "Crs"]);
-    }
-    element.allow(&known)?;
-    if let Some(version) = element.optional("Version")
-        && version.integer::<u32>()? != VERSION
-    {
-        return Err(version.error(format!("is an unknown version (this reads {VERSION})")));
-    }
-    let brick_size = if element.has_any(&BRICK_SIZE) {
-        Some(parse_brick_size(element)?)
-    } else {
-        None
-    };
-    let compressed = element.optional("Compressed").map_or(Ok(false), |a| a.yes_no())?;
-    Ok(Group {
-        compressed,
-        brick_size,
-        bounds: parse_bounds(element)?,
-        ..Group::default()
-    })
-}
-
-fn parse_coarse(element: &Element) -> Result<CoarseOctTree, FormatError> {
-    let tree = parse_tree(element, &["Voxel"])?;
-    let voxel = element.required("Voxel")?;
-    let metres = voxel.metres()?;
-    if metres <= 0.0 {
-        return Err(voxel.error("is not above zero"));
-    }
-    Ok(CoarseOctTree { tree, voxel: metres })
-}
-
-/// Reads what all elements of trees have; `own` are the attributes that this one has besides.
-fn parse_tree(element: &Element, own: &[&'static str]) -> Result<PagedOctTree, FormatError> {
-    let mut known = vec!["Radius", "TreeFile"];
-    known.extend(own);
-    known.extend(CENTER.iter().chain(&MIN).chain(&MAX));
-    element.allow(&known)?;
-    let radius = element.required("Radius")?;
-    let metres = radius.metres()?;
-    if metres <= 0.0 {
-        return Err(radius.error("is not above zero"));
-    }
-    let file = element.required("TreeFile")?;
-    if let Some(why) = path_fault(file.value()) {
-        return Err(file.error(format!(
-            "leaves the terrain's folder or is not a file name: {why}"
-        )));
-    }
-    Ok(PagedOctTree {
-        center: element.metres3(CENTER)?.into(),
-        radius: metres,
-        bounds: parse_bounds(element)?,
-        tree_file: file.value().to_string(),
-    })
-}
-
 /// The brick size, which is the same in all files.
 pub(crate) fn parse_brick_size(element: &Element) -> Result<[u32; 3], FormatError> {
     for name in BRICK_SIZE {
@@ -273,48 +154,6 @@ pub(crate) fn parse_brick_size(element: &Element) -> Result<[u32; 3], FormatErro
         }
     }
     Ok([BRICK_VOXELS; 3])
-}
-
-fn parse_bounds(element: &Element) -> Result<Option<Bounds>, FormatError> {
-    if !element.has_any(&MIN) && !element.has_any(&MAX) {
-        return Ok(None);
-    }
-    let bounds = Bounds {
-        min: element.metres3(MIN)?.into(),
-        max: element.metres3(MAX)?.into(),
-    };
-    for axis in 0..3 {
-        if bounds.min[axis] > bounds.max[axis] {
-            return Err(element
-                .required(MIN[axis])?
-                .error(format!("is above {}", MAX[axis])));
-        }
-    }
-    Ok(Some(bounds))
-}
-
-/// Why a path is not a file below the folder it is relative to, on any platform.
-fn path_fault(path: &str) -> Option<&'static str> {
-    if path.is_empty() {
-        return Some("it is empty");
-    }
-    if path.starts_with('/') {
-        return Some("it is absolute");
-    }
-    if path.contains('\\') {
-        return Some("it has a backslash (separate by /)");
-    }
-    if path.contains(':') {
-        return Some("it has a colon (a drive or an address)");
-    }
-    if path.chars().any(char::is_control) {
-        return Some("it has a control character");
-    }
-    path.split('/').find_map(|part| match part {
-        ".." => Some("it has a component .."),
-        "." | "" => Some("it has an empty component or ."),
-        _ => None,
-    })
 }
 
 fn write_bounds(out: &mut String, bounds: &Option<Bounds>) {

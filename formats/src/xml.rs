@@ -10,15 +10,13 @@ mod tests;
 mod write;
 
 use quick_xml::Reader;
+use quick_xml::errors::IllFormedError;
 use quick_xml::events::Event;
 
 pub(crate) use element::{Attribute, Element};
 pub(crate) use write::{write_f64, write_text};
 
-use crate::error::FormatError;
-
-/// Longest message, in characters.
-const MAX_MESSAGE: usize = 400;
+use crate::error::{FormatError, one_line};
 
 /// A step through the document.
 #[derive(Debug)]
@@ -45,12 +43,10 @@ fn error_at(text: &str, at: usize, message: impl AsRef<str>) -> FormatError {
     let before = text.get(..at.min(text.len())).unwrap_or(text);
     let line = before.bytes().filter(|b| *b == b'\n').count() + 1;
     let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
-    let clean = |c: char| if c.is_control() { ' ' } else { c };
-    let message: String = message.as_ref().chars().take(MAX_MESSAGE).map(clean).collect();
     FormatError::line(
         u32::try_from(line).unwrap_or(u32::MAX),
         u32::try_from(column).unwrap_or(u32::MAX),
-        message,
+        one_line(message),
     )
 }
 
@@ -144,7 +140,13 @@ impl<'a> Document<'a> {
                 Ok(Event::Empty(_)) => return Err(fault("an unexpected empty element")),
                 Err(e) => {
                     let at = self.reader.error_position() as usize;
-                    return Err(error_at(self.text, at, e.to_string()));
+                    let fault = error_at(self.text, at, e.to_string());
+                    return Err(match e {
+                        quick_xml::Error::IllFormed(IllFormedError::DoubleHyphenInComment) => {
+                            fault.suggest("a comment ends with --> and has no -- before".to_string())
+                        }
+                        _ => fault,
+                    });
                 }
             }
         }

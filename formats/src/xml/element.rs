@@ -9,6 +9,7 @@ use quick_xml::events::attributes::{AttrError, Attributes};
 use super::error_at;
 use crate::error::FormatError;
 use crate::octree::MAX_METRES;
+use crate::words::{self, Kind, nearest};
 
 /// Most attributes an element may have.
 const MAX_ATTRIBUTES: usize = 64;
@@ -115,16 +116,21 @@ impl<'a> Element<'a> {
         error_at(self.text, self.at + 1 + at, format!("{}: {what}", self.name))
     }
 
-    /// Refuses attributes that are not in the list.
-    pub(crate) fn allow(&self, known: &[&str]) -> Result<(), FormatError> {
-        match self.attributes.iter().find(|a| !known.contains(&a.name)) {
-            Some(a) => Err(error_at(
-                a.text,
-                a.at,
-                format!("{}: attribute {} is unknown", self.name, a.name),
-            )),
-            None => Ok(()),
-        }
+    /// The attributes that elements of a kind do not have, each with the error that it is.
+    pub(crate) fn unknown(&self, kind: &Kind) -> impl Iterator<Item = (&'a str, FormatError)> {
+        let known = |a: &&Attribute| kind.words().any(|w| w.name == a.name);
+        self.attributes.iter().filter(move |a| !known(a)).map(|a| {
+            let message = format!("{}: attribute {} is unknown", self.name, a.name);
+            (
+                a.name,
+                error_at(a.text, a.at, message).suggest(kind.about(a.name)),
+            )
+        })
+    }
+
+    /// Refuses attributes that elements of a kind do not have.
+    pub(crate) fn allow(&self, kind: &Kind) -> Result<(), FormatError> {
+        self.unknown(kind).next().map_or(Ok(()), |(_, e)| Err(e))
     }
 
     /// An attribute that may be missing.
@@ -134,8 +140,10 @@ impl<'a> Element<'a> {
 
     /// An attribute that must be there.
     pub(crate) fn required(&self, name: &str) -> Result<&Attribute<'a>, FormatError> {
-        self.optional(name)
-            .ok_or_else(|| self.error(format!("attribute {name} is missing")))
+        self.optional(name).ok_or_else(|| {
+            self.error(format!("attribute {name} is missing"))
+                .suggest(words::example(name))
+        })
     }
 
     /// Three lengths or coordinates, in metres.
@@ -150,7 +158,17 @@ impl<'a> Element<'a> {
     }
 }
 
-impl Attribute<'_> {
+impl<'a> Attribute<'a> {
+    /// The whole text that the attribute stands in.
+    pub(crate) fn text(&self) -> &'a str {
+        self.text
+    }
+
+    /// Where in the text its name begins, in bytes.
+    pub(crate) fn at(&self) -> usize {
+        self.at
+    }
+
     /// The value with entities resolved.
     pub(crate) fn value(&self) -> &str {
         &self.value
@@ -169,10 +187,22 @@ impl Attribute<'_> {
     /// A finite coordinate or length, in metres.
     pub(crate) fn metres(&self) -> Result<f64, FormatError> {
         match self.value.parse::<f64>() {
-            Err(_) => Err(self.error("is not a number")),
-            Ok(v) if !v.is_finite() => Err(self.error("is not a finite number")),
+            Err(_) => Err(self.error("is not a number").suggest(self.as_metres())),
+            Ok(v) if !v.is_finite() => Err(self
+                .error("is not a finite number")
+                .suggest(words::example(self.name))),
             Ok(v) if v.abs() > MAX_METRES => Err(self.error(format!("is beyond ±{MAX_METRES:e} m"))),
             Ok(v) => Ok(v),
+        }
+    }
+
+    /// A value that is no number as one that is: without unit or blanks, with a decimal point. Else an example.
+    fn as_metres(&self) -> Option<String> {
+        let bare = self.value.trim().trim_end_matches(char::is_alphabetic).trim_end();
+        let number = bare.replacen(',', ".", 1);
+        match number.parse::<f64>() {
+            Ok(v) if v.is_finite() => Some(format!("did you mean {}=\"{number}\"?", self.name)),
+            _ => words::example(self.name),
         }
     }
 
@@ -182,7 +212,9 @@ impl Attribute<'_> {
         match self.value.parse() {
             Ok(v) if digits => Ok(v),
             _ if digits => Err(self.error("is too large")),
-            _ => Err(self.error("is not a whole number")),
+            _ => Err(self
+                .error("is not a whole number")
+                .suggest(words::example(self.name))),
         }
     }
 
@@ -199,7 +231,9 @@ impl Attribute<'_> {
             .map(|(_, v)| *v)
             .ok_or_else(|| {
                 let known: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
+                let meant = nearest(&self.value, known.iter().copied());
                 self.error(format!("is unknown (known: {})", known.join(", ")))
+                    .suggest(meant.map(|word| format!("did you mean {word}?")))
             })
     }
 }

@@ -213,6 +213,98 @@ fn faults_are_named_with_their_place() {
 }
 
 #[test]
+fn mistakes_come_with_what_was_probably_meant() {
+    let with = |from: &str, to: &str| TREE.replace(from, to);
+    for (inside, suggestion) in [
+        (with("Paged", "Pagde"), "did you mean PagedOctTree?"),
+        (
+            "<Tree/>".into(),
+            "known: OctTreeGroup, PagedOctTree, CoarseOctTree",
+        ),
+        (with("Radius", "radius"), "did you mean Radius?"),
+        (with("CenterY", "CentreY"), "did you mean CenterY?"),
+        (with("/>", " Voxel='1'/>"), "it belongs to a CoarseOctTree"),
+        (
+            "<OctTreeGroup Crs='x'/>".into(),
+            "it belongs to the outermost OctTreeGroup",
+        ),
+        (
+            "<OctTreeGroup Colour='red'/>".into(),
+            "known: Compressed, BrickXSize, BrickYSize, BrickZSize, MinX, MinY, MinZ, MaxX, MaxY, MaxZ",
+        ),
+        (with("Radius='4' ", ""), "for instance Radius=\"27.72\""),
+        (with("Radius='4'", "Radius='-4'"), "for instance Radius=\"27.72\""),
+        (with("'1'", "'1,5'"), "did you mean CenterX=\"1.5\"?"),
+        (with("'1'", "' 15 m'"), "did you mean CenterX=\"15\"?"),
+        (with("'1'", "'one'"), "for instance CenterX=\"16\""),
+        (
+            with("a/b.xml", ".\\a\\b.xml"),
+            "did you mean TreeFile=\"a/b.xml\"?",
+        ),
+        (
+            with("a/b.xml", "/a/b.xml"),
+            "for instance TreeFile=\"trees/a.oct\"",
+        ),
+        ("<OctTreeGroup Compressed='yes'/>".into(), "did you mean YES?"),
+        (
+            "<OctTreeGroup BrickXSize='eight'/>".into(),
+            "for instance BrickXSize=\"8\"",
+        ),
+        (
+            with("/>", " MinX='3' MinY='0' MinZ='0' MaxX='1' MaxY='1' MaxZ='1'/>"),
+            "did you mean MinX and MaxX the other way round?",
+        ),
+    ] {
+        let (_, faults) =
+            Scene::parse_usable(format!("<OctTreeGroup>\n{inside}</OctTreeGroup>").as_bytes()).unwrap();
+        // One mistake is one fault: what is misspelt does not count as missing too.
+        assert_eq!(faults.len(), 1, "{inside}: {faults:?}");
+        assert_eq!(faults[0].suggestion.as_deref(), Some(suggestion), "{inside}");
+        assert!(faults[0].to_string().ends_with(&format!("; {suggestion}")));
+    }
+    let e = Scene::parse(b"<OctreeGroup/>").unwrap_err();
+    assert_eq!(e.suggestion.as_deref(), Some("did you mean OctTreeGroup?"));
+}
+
+#[test]
+fn all_mistakes_are_told_in_order_and_the_rest_is_read() {
+    let text = format!(
+        "<OctTreeGroup Color='1'>\n<Group><OctTreeGroup>{TREE}</OctTreeGroup></Group>\n{TREE}\n<OctTreeGroup MinX='1'>\n\
+         <PagedOctTree Radius='0' CenterX='x' TreeFile='' CenterY='1' CenterZ='1'/>{}</OctTreeGroup></OctTreeGroup>",
+        TREE.replace("a/b.xml", "c.xml"),
+    );
+    let (scene, faults) = Scene::parse_usable(text.as_bytes()).unwrap();
+    let lines: Vec<u32> = faults
+        .iter()
+        .map(|fault| match fault.place {
+            Place::Line { line, .. } => line,
+            _ => 0,
+        })
+        .collect();
+    // An attribute, an element, five of a box, three of a tree.
+    assert_eq!(lines, [1, 2, 4, 4, 4, 4, 4, 5, 5, 5], "{faults:?}");
+    let files: Vec<&str> = scene.trees().map(|t| t.tree_file.as_str()).collect();
+    assert_eq!(files, ["a/b.xml", "c.xml"]);
+    assert_eq!(scene.root.groups[0].trees.len(), 1);
+    assert_eq!(faults[0], Scene::parse(text.as_bytes()).unwrap_err());
+}
+
+#[test]
+fn places_of_tree_files_are_those_of_faults() {
+    let other = TREE.replace("a/b.xml", "höhe.xml");
+    let text = format!("<OctTreeGroup>\n{TREE}<!-- é\n -->{other}\n{TREE}</OctTreeGroup>");
+    let places = Scene::tree_file_places(text.as_bytes());
+    assert_eq!(places.len(), 2);
+    assert_eq!(places["a/b.xml"], Place::Line { line: 2, column: 62 });
+    let wrong = text.replace("höhe.xml", "");
+    assert_eq!(
+        places["höhe.xml"],
+        Scene::parse(wrong.as_bytes()).unwrap_err().place
+    );
+    assert!(Scene::tree_file_places(b"<a><b/>").is_empty());
+}
+
+#[test]
 fn tree_files_stay_in_the_folder() {
     for (bad, escaped) in [
         ("", ""),

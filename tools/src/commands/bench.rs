@@ -5,7 +5,9 @@ use std::process::ExitCode;
 
 use clap::Args as ClapArgs;
 
+use super::database::print;
 use super::input_args::{InputArgs, Layers, Unit, Up};
+use super::say::spinner;
 use super::{CommandError, open_gpu};
 use crate::bench::{OwnScene, SUITES, Settings, to_csv, to_json, to_table};
 
@@ -24,6 +26,9 @@ pub struct Args {
     /// Folder for the results; built scenes are kept in it
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Print JSON, as in bench.json, in place of tables
+    #[arg(long)]
+    pub json: bool,
     /// Suite truth: a database of your own instead of the built-in scenes
     #[arg(long, value_name = "DIR")]
     pub scene: Option<PathBuf>,
@@ -93,20 +98,29 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         true => Some(open_gpu()?.describe()),
         false => None,
     };
-    let mut results = Vec::new();
+    let (mut results, mut json) = (Vec::new(), String::new());
     for suite in chosen {
-        println!("{}: {}", suite.name, suite.about);
+        if !args.json {
+            print(&format!("{}: {}\n", suite.name, suite.about))?;
+        }
+        let measuring = spinner(suite.name);
         let rows = (suite.run)(&settings)?;
-        println!("{}", to_table(&rows));
+        measuring.finish_and_clear();
+        if !args.json {
+            print(&(to_table(&rows) + "\n"))?;
+        }
         results.push((suite.name.to_string(), rows));
         // After each suite: what is measured stays if a later one fails.
-        let json = serde_json::to_string_pretty(&to_json(adapter.as_deref(), &results))? + "\n";
-        for (name, text) in [("bench.json", json), ("bench.csv", to_csv(&results))] {
+        json = serde_json::to_string_pretty(&to_json(adapter.as_deref(), &results))? + "\n";
+        for (name, text) in [("bench.json", &json), ("bench.csv", &to_csv(&results))] {
             let file = args.out.join(name);
             std::fs::write(&file, text)
                 .map_err(|e| CommandError::new(format!("{}: {e}", file.display()), "is there room?"))?;
         }
     }
-    println!("written to {}", args.out.join("bench.json").display());
+    match args.json {
+        true => print(&json)?,
+        false => print(&format!("written to {}\n", args.out.join("bench.json").display()))?,
+    }
     Ok(ExitCode::SUCCESS)
 }

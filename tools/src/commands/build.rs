@@ -8,11 +8,15 @@ use brickfell_formats::chunk::Encoding;
 use brickfell_formats::layout::SampleLayout;
 use clap::ValueEnum;
 use indicatif::HumanCount;
+use serde_json::json;
 
 use super::CommandError;
 use super::database::{folder_bytes, print};
 use super::input_args::InputArgs;
-use crate::build::{BuildArgs, BuildError, DEFAULT_TREE_VOXELS, Filter, IndicatifProgress, Voxelise, build};
+use super::say::is_quiet;
+use crate::build::{
+    BuildArgs, BuildError, DEFAULT_TREE_VOXELS, Filter, IndicatifProgress, Progress, Silent, Voxelise, build,
+};
 
 /// Arguments of `build`.
 #[derive(Debug, clap::Args)]
@@ -56,6 +60,9 @@ pub struct Args {
     /// Store bricks in the blocks that graphics hardware reads: a quarter of the device's memory, more of the disk, and a loss
     #[arg(long)]
     pub compress: bool,
+    /// Print JSON: out, trees, resumed, surface_voxels, voxel, bytes, seconds, warnings
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Where samples lie.
@@ -128,12 +135,22 @@ impl Args {
 /// As [`build`].
 pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     let start = Instant::now();
-    let report = build(&args.build_args(), &IndicatifProgress::default()).map_err(explain)?;
+    let (bar, silent) = (IndicatifProgress::default(), Silent);
+    let progress: &dyn Progress = if is_quiet() { &silent } else { &bar };
+    let report = build(&args.build_args(), progress).map_err(explain)?;
     let seconds = start.elapsed().as_secs_f64();
     for warning in &report.warnings {
         eprintln!("warning: {warning}");
     }
     let bytes = folder_bytes(&args.out)?;
+    if args.json {
+        let json = json!({
+            "out": args.out, "trees": report.trees, "resumed": report.resumed, "surface_voxels": report.surface_voxels,
+            "voxel": report.voxel, "bytes": bytes, "seconds": seconds, "warnings": report.warnings,
+        });
+        print(&(serde_json::to_string_pretty(&json)? + "\n"))?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let per_voxel = match report.surface_voxels {
         0 => String::new(),
         voxels => format!(" ({:.2} per voxel)", bytes as f64 / voxels as f64),

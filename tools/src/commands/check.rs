@@ -1,28 +1,34 @@
 //! `brickfell check`: reads everything in a database and says what is wrong with it.
 //!
-//! A fault is one line, `path: place: message`, and makes the exit code 1. A warning is something that is drawn but
-//! probably not meant. Trees, and the chunks of their levels, are read in parallel; the output is in the order of the
-//! scene whatever the number of threads.
+//! A fault is one line, `path: place: message; suggestion`, or an object of the JSON, and makes the exit code 1. A warning is something
+//! that is drawn but probably not meant. What a scene has wrong is told all at once, and the rest of it is checked all the same. Trees,
+//! and the chunks of their levels, are read in parallel; the output is in the order of the scene whatever the number of threads.
 
 pub(crate) mod bricks;
 mod order;
 mod seams;
+mod source;
 mod tree;
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use brickfell_formats::FormatError;
 use brickfell_formats::bricks::brick_file_name;
 use brickfell_formats::scene::{Bounds, CoarseOctTree, Group, PagedOctTree, Scene};
-use brickfell_pager::{FolderStore, Store};
+use brickfell_pager::FolderStore;
 use brickfell_runtime::terrain::SCENE_FILE;
-use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
+use indicatif::{HumanBytes, HumanCount, ProgressBar};
 use rayon::prelude::*;
 
 use super::CommandError;
-use super::database::{folder_bytes, located, open_scene, print};
+use super::database::{folder_bytes, open_folder, print};
+use super::fault::Fault;
+use super::say::bar;
+use serde::Serialize;
+use source::Source;
 use tree::TreeReport;
 
 /// Arguments of `check`.
@@ -31,17 +37,21 @@ pub struct Args {
     /// Folder of the database: the one that holds scene.xml
     #[arg(value_name = "DIR")]
     pub dir: PathBuf,
+    /// Print JSON: faults and warnings (path, line and column or byte, message, suggestion), trees, coarse_trees, bricks, chunks, bytes
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// What was found out about a database.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize)]
 struct Report {
-    faults: Vec<String>,
-    warnings: Vec<String>,
+    faults: Vec<Fault>,
+    warnings: Vec<Fault>,
     trees: usize,
-    coarse: usize,
+    coarse_trees: usize,
     bricks: u64,
     chunks: u64,
+    bytes: u64,
 }
 
 /// Runs the command.
@@ -49,14 +59,28 @@ struct Report {
 /// # Errors
 /// A folder or scene that cannot be read at all; everything else is a line of the output.
 pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
-    let (store, scene) = open_scene(&args.dir)?;
+    let (store, text) = open_folder(&args.dir)?;
     let bytes = folder_bytes(&args.dir)?;
-    let bar = ProgressBar::new(bytes).with_style(
-        ProgressStyle::with_template("{bar:32} {bytes}/{total_bytes}  {bytes_per_sec}  {eta} left")
-            .unwrap_or_else(|_| ProgressStyle::default_bar()),
+    let bar = bar(
+        bytes,
+        "{bar:32} {bytes}/{total_bytes}  {bytes_per_sec}  {eta} left",
     );
-    let report = check(&store, &scene, &bar);
+    let mut report = check(&store, &args.dir, &text, &bar);
+    report.bytes = bytes;
     bar.finish_and_clear();
+    print(&match args.json {
+        true => serde_json::to_string_pretty(&report)? + "\n",
+        false => describe(&report),
+    })?;
+    Ok(if report.faults.is_empty() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    })
+}
+
+/// The report for people.
+fn describe(report: &Report) -> String {
     let mut text = String::new();
     for fault in &report.faults {
         let _ = writeln!(text, "{fault}");
@@ -68,19 +92,14 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         text,
         "{} trees, {} coarse trees, {} bricks in {} chunks, {}: {}, {}",
         HumanCount(report.trees as u64),
-        HumanCount(report.coarse as u64),
+        HumanCount(report.coarse_trees as u64),
         HumanCount(report.bricks),
         HumanCount(report.chunks),
-        HumanBytes(bytes),
+        HumanBytes(report.bytes),
         counted(report.faults.len(), "fault"),
         counted(report.warnings.len(), "warning"),
     );
-    print(&text)?;
-    Ok(if report.faults.is_empty() {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    })
+    text
 }
 
 fn counted(n: usize, what: &str) -> String {
@@ -91,15 +110,23 @@ fn counted(n: usize, what: &str) -> String {
     }
 }
 
-fn check(store: &FolderStore, scene: &Scene, bar: &ProgressBar) -> Report {
+fn check(store: &FolderStore, dir: &Path, text: &[u8], bar: &ProgressBar) -> Report {
     let mut report = Report::default();
+    let source = &Source::new(store, dir, text);
+    let (scene, faults) = match Scene::parse_usable(text) {
+        Ok(read) => read,
+        Err(fault) => {
+            report.faults.push(Fault::new(store, SCENE_FILE, fault));
+            return report;
+        }
+    };
+    let faults = faults.into_iter().map(|e| Fault::new(store, SCENE_FILE, e));
+    report.faults.extend(faults);
     let references: Vec<&PagedOctTree> = scene.trees().collect();
     let coarse: Vec<&CoarseOctTree> = scene.coarse_trees().collect();
-    (report.trees, report.coarse) = (references.len(), coarse.len());
+    (report.trees, report.coarse_trees) = (references.len(), coarse.len());
     if references.is_empty() {
-        report
-            .warnings
-            .push(located(store, SCENE_FILE, "file: the scene has no trees"));
+        report.warnings.push(source.scene("the scene has no trees"));
     }
     let all = || references.iter().copied().chain(coarse.iter().map(|c| &c.tree));
     let mut files: Vec<&str> = all().map(|t| t.tree_file.as_str()).collect();
@@ -110,9 +137,9 @@ fn check(store: &FolderStore, scene: &Scene, bar: &ProgressBar) -> Report {
         .map(|name| (*name, tree::check(store, name, bar)))
         .collect();
 
-    check_names(store, &files, &mut report);
-    check_layouts(store, &trees, &mut report);
-    check_groups(store, &scene.root, &trees, &mut report);
+    check_names(source, &files, &mut report);
+    check_layouts(source, &trees, &mut report);
+    check_groups(source, &scene.root, &trees, &mut report);
     let mut named = BTreeMap::new();
     for reference in all() {
         let Some(tree) = trees.get(reference.tree_file.as_str()) else {
@@ -120,31 +147,33 @@ fn check(store: &FolderStore, scene: &Scene, bar: &ProgressBar) -> Report {
         };
         if named.insert(reference.tree_file.as_str(), ()).is_none() {
             report.faults.extend(tree.faults.iter().cloned());
+            if tree.missing {
+                report.faults.push(source.missing(&reference.tree_file));
+            }
             report.bricks += tree.bricks;
             report.chunks += tree.chunks;
         }
-        check_reference(store, reference, tree, &mut report);
+        check_reference(source, reference, tree, &mut report);
     }
     for coarse in &coarse {
-        check_voxel(store, coarse, &trees, &mut report);
+        check_voxel(source, coarse, &trees, &mut report);
     }
-    order::check(store, &references, &trees, &mut report);
+    order::check(source, &references, &trees, &mut report);
     report
 }
 
 /// Brick files are named after the tree file without its extension, so that part must differ.
-fn check_names(store: &dyn Store, files: &[&str], report: &mut Report) {
+fn check_names(source: &Source, files: &[&str], report: &mut Report) {
     let mut stems = BTreeMap::new();
     for file in files {
         if let Some(other) = stems.insert(brick_file_name(file, 0), file) {
-            let what =
-                format!("file: would share its brick files with {other}: only their extensions differ");
-            report.faults.push(located(store, file, what));
+            let what = format!("would share its brick files with {other}: only their extensions differ");
+            report.faults.push(source.reference(file, what));
         }
     }
 }
 
-fn check_layouts(store: &dyn Store, trees: &BTreeMap<&str, TreeReport>, report: &mut Report) {
+fn check_layouts(source: &Source, trees: &BTreeMap<&str, TreeReport>, report: &mut Report) {
     let mut with_bricks = trees
         .iter()
         .filter(|(_, t)| t.bricks > 0)
@@ -153,13 +182,14 @@ fn check_layouts(store: &dyn Store, trees: &BTreeMap<&str, TreeReport>, report: 
         return;
     };
     for (name, other) in with_bricks.filter(|(_, other)| *other != layout) {
-        let what = format!("byte 13: sample layout {other:?}, but {first} has {layout:?}: a scene has one");
-        report.faults.push(located(store, name, what));
+        let what = format!("sample layout {other:?}, but {first} has {layout:?}: a scene has one");
+        let error = FormatError::at(13, what);
+        report.faults.push(Fault::new(source.store, name, error));
     }
 }
 
 /// Groups: how they say that bricks are stored, and boxes that do not hold what is in them.
-fn check_groups(store: &dyn Store, root: &Group, trees: &BTreeMap<&str, TreeReport>, report: &mut Report) {
+fn check_groups(source: &Source, root: &Group, trees: &BTreeMap<&str, TreeReport>, report: &mut Report) {
     let mut groups = vec![root];
     while let Some(group) = groups.pop() {
         let own = group.trees.iter().chain(group.coarse.iter().map(|c| &c.tree));
@@ -170,8 +200,9 @@ fn check_groups(store: &dyn Store, root: &Group, trees: &BTreeMap<&str, TreeRepo
                     true => ("are block-compressed", "NO"),
                     false => ("are not block-compressed", "YES"),
                 };
-                let what = format!("byte 16: its bricks {are}, but the scene says Compressed=\"{says}\"");
-                report.faults.push(located(store, file, what));
+                let what = format!("its bricks {are}, but the scene says Compressed=\"{says}\"");
+                let error = FormatError::at(16, what);
+                report.faults.push(Fault::new(source.store, file, error));
             }
         }
         let inside = group.trees.iter().filter_map(|t| t.bounds);
@@ -180,10 +211,10 @@ fn check_groups(store: &dyn Store, root: &Group, trees: &BTreeMap<&str, TreeRepo
         for inner in inside {
             if let Some(outer) = group.bounds.filter(|outer| !holds(outer, &inner)) {
                 let what = format!(
-                    "file: the box of a group, {} to {}, does not hold one inside it, {} to {}",
+                    "the box of a group, {} to {}, does not hold one inside it, {} to {}",
                     outer.min, outer.max, inner.min, inner.max
                 );
-                report.warnings.push(located(store, SCENE_FILE, what));
+                report.warnings.push(source.scene(what));
             }
         }
         groups.extend(&group.groups);
@@ -202,7 +233,7 @@ fn tolerance(corners: &[glam::DVec3; 2]) -> f64 {
 }
 
 /// What the scene says about a tree against what the tree says.
-fn check_reference(store: &dyn Store, reference: &PagedOctTree, tree: &TreeReport, report: &mut Report) {
+fn check_reference(source: &Source, reference: &PagedOctTree, tree: &TreeReport, report: &mut Report) {
     let Some(header) = tree.header else {
         return;
     };
@@ -214,27 +245,31 @@ fn check_reference(store: &dyn Store, reference: &PagedOctTree, tree: &TreeRepor
     let mut drawn = reference.bounds.unwrap_or(octree);
     if !holds(&octree, &drawn) {
         let what = format!(
-            "file: TreeFile=\"{name}\": its box is {} to {}, the octree's only {min} to {max}",
+            "its box is {} to {}, the octree's only {min} to {max}",
             drawn.min, drawn.max
         );
-        report.faults.push(located(store, SCENE_FILE, what));
+        report.faults.push(source.reference(name, what));
         drawn = octree;
     }
-    let center = (drawn.min + drawn.max) * 0.5;
-    let needed = reference.center.distance(center) + (drawn.max - drawn.min).length() * 0.5;
+    // As far as the corner that is farthest from the centre.
+    let center = reference.center;
+    let needed = (center - drawn.min)
+        .abs()
+        .max((drawn.max - center).abs())
+        .length();
     // A per mille covers radii written with few digits.
     if needed > reference.radius * 1.001 + slack {
         let what = format!(
-            "file: TreeFile=\"{name}\": its sphere (Center, Radius {}) does not hold its box, which needs {needed:.2}",
+            "its sphere (Center, Radius {}) does not hold its box, which needs {needed:.2}",
             reference.radius
         );
-        report.warnings.push(located(store, SCENE_FILE, what));
+        report.warnings.push(source.reference(name, what));
     }
 }
 
 /// Where a coarse tree takes over against what it has to show there.
 fn check_voxel(
-    store: &dyn Store,
+    source: &Source,
     coarse: &CoarseOctTree,
     trees: &BTreeMap<&str, TreeReport>,
     report: &mut Report,
@@ -244,10 +279,7 @@ fn check_voxel(
         return;
     };
     if (coarse.voxel - header.voxel_size).abs() > header.voxel_size * 1e-6 {
-        let what = format!(
-            "file: TreeFile=\"{name}\": Voxel is {}, the octree's {}",
-            coarse.voxel, header.voxel_size
-        );
-        report.faults.push(located(store, SCENE_FILE, what));
+        let what = format!("Voxel is {}, the octree's {}", coarse.voxel, header.voxel_size);
+        report.faults.push(source.reference(name, what));
     }
 }

@@ -7,6 +7,7 @@ use clap::Args as ClapArgs;
 
 use super::CommandError;
 use super::database::print;
+use super::say::spinner;
 use crate::metrics::{Errors, LinearImage, compare, heat};
 use crate::picture_file::{Image, load_linear};
 
@@ -22,6 +23,9 @@ pub struct Args {
     /// PNG to write: heat map of FLIP, black where nobody sees a difference, over blue, red, yellow to white
     #[arg(long, value_name = "DIFF.png")]
     pub out: Option<PathBuf>,
+    /// Print JSON: rmse, psnr, psnr_srgb, flip, worst, share_over_2
+    #[arg(long)]
+    pub json: bool,
 }
 
 fn load(path: &Path) -> Result<LinearImage, CommandError> {
@@ -38,6 +42,7 @@ fn load(path: &Path) -> Result<LinearImage, CommandError> {
 /// # Errors
 /// Pictures that cannot be read or have different sizes, a difference picture that cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
+    let comparing = spinner("comparing");
     let (a, b) = (load(&args.a)?, load(&args.b)?);
     let (errors, map) = compare(&a, &b).map_err(|e| {
         let message = format!("{} and {}: {e}", args.a.display(), args.b.display());
@@ -52,6 +57,11 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         image
             .save(out)
             .map_err(|e| CommandError::new(format!("{}: {e}", out.display()), "is the folder there?"))?;
+    }
+    comparing.finish_and_clear();
+    if args.json {
+        print(&(serde_json::to_string_pretty(&errors)? + "\n"))?;
+        return Ok(ExitCode::SUCCESS);
     }
     let Errors {
         rmse,

@@ -5,7 +5,7 @@
 //! ones none can be made, only files for other programs.
 
 mod export;
-mod recode;
+pub(super) mod recode;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -18,6 +18,7 @@ use indicatif::HumanCount;
 
 use super::CommandError;
 use super::database::{folder_bytes, open_scene, print};
+use super::say::bar;
 use export::Shape;
 
 /// Arguments of `convert`.
@@ -74,6 +75,8 @@ impl From<Coding> for Encoding {
     }
 }
 
+const BAR: &str = "{bar:32} {pos}/{len} trees, {eta} left";
+
 /// Whether any group says that its bricks are in blocks.
 pub(super) fn is_compressed(group: &Group) -> bool {
     group.compressed || group.groups.iter().any(is_compressed)
@@ -115,7 +118,9 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
             }
             let coarse = scene.coarse_trees().map(|c| c.tree.tree_file.as_str());
             let all: Vec<&str> = names.iter().copied().chain(coarse).collect();
-            recode::recode(&store, &all, args).map_err(damaged)?;
+            let bar = bar(all.len() as u64, BAR);
+            recode::recode(&store, &all, args, &bar).map_err(damaged)?;
+            bar.finish_and_clear();
             print(&format!(
                 "{} bytes, {} before: {}\n",
                 HumanCount(folder_bytes(&args.out)?),
@@ -125,7 +130,9 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
             return Ok(ExitCode::SUCCESS);
         }
     };
-    let count = export::export(&store, &names, args.level, shape, &args.out).map_err(damaged)?;
+    let bar = bar(names.len() as u64, BAR);
+    let count = export::export(&store, &names, (args.level, shape), &args.out, &bar).map_err(damaged)?;
+    bar.finish_and_clear();
     let what = match shape {
         Shape::Surface => "faces",
         Shape::Points => "points",

@@ -6,6 +6,7 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 
+use brickfell_formats::FormatError;
 use brickfell_formats::octree::{self, Octree};
 use brickfell_formats::octree_binary;
 use brickfell_formats::scene::Scene;
@@ -13,6 +14,7 @@ use brickfell_pager::{FolderStore, Store};
 use brickfell_runtime::terrain::SCENE_FILE;
 
 use super::CommandError;
+use super::fault::Fault;
 
 /// Longest XML octree that is read: they are written by hand or for tests.
 const MAX_XML_BYTES: u64 = 1 << 28;
@@ -22,42 +24,45 @@ const MAX_XML_BYTES: u64 = 1 << 28;
 /// # Errors
 /// If there is no such folder, or no readable `scene.xml` in it; the line names the file and the place in it.
 pub(crate) fn open_scene(dir: &Path) -> Result<(FolderStore, Scene), CommandError> {
+    let (store, bytes) = open_folder(dir)?;
+    let hint = "`brickfell check` lists all that is wrong with it";
+    let scene =
+        Scene::parse(&bytes).map_err(|e| CommandError::new(Fault::new(&store, SCENE_FILE, e), hint))?;
+    Ok((store, scene))
+}
+
+/// Opens a database's folder and reads the text of its scene.
+///
+/// # Errors
+/// If there is no such folder, or no readable file `scene.xml` in it.
+pub(crate) fn open_folder(dir: &Path) -> Result<(FolderStore, Vec<u8>), CommandError> {
     let hint = "give a folder that `brickfell build` made, or one with a hand-written scene.xml";
     let store = FolderStore::open(dir).map_err(|e| CommandError::new(e, hint))?;
     let bytes = read_whole(&store, SCENE_FILE).map_err(|e| CommandError::new(e, hint))?;
-    let hint = "docs/formats.md lists every element and attribute";
-    let scene = Scene::parse(&bytes).map_err(|e| CommandError::new(located(&store, SCENE_FILE, e), hint))?;
-    Ok((store, scene))
+    Ok((store, bytes))
 }
 
 /// Reads an octree file, binary or XML, and checks all that it says about itself.
 ///
 /// # Errors
-/// One line: path, place, reason.
-pub(crate) fn read_octree(store: &dyn Store, name: &str) -> Result<Octree, String> {
-    let fail = |reason: String| located(store, name, reason);
+/// What cannot be read, or is wrong.
+pub(crate) fn read_octree(store: &dyn Store, name: &str) -> Result<Octree, Fault> {
     let len = store
         .len(name)
-        .map_err(|e| fail(format!("file: cannot be opened: {e}")))?;
+        .map_err(|e| Fault::unreadable(store, name, "opened", &e))?;
     let head = store
         .read(name, 0, len.min(64) as usize)
-        .map_err(|e| fail(format!("byte 0: cannot be read: {e}")))?;
+        .map_err(|e| Fault::unreadable(store, name, "read", &e))?;
     if !octree_binary::is_binary(&head) && len > MAX_XML_BYTES {
-        return Err(fail(format!(
-            "file: an XML octree of {len} bytes is above {MAX_XML_BYTES}"
-        )));
+        let what = format!("an XML octree of {len} bytes is above {MAX_XML_BYTES}");
+        return Err(Fault::new(store, name, FormatError::file(what)));
     }
     let bytes = read_whole(store, name)?;
-    octree::decode_any(&bytes).map_err(|e| fail(e.to_string()))
+    octree::decode_any(&bytes).map_err(|e| Fault::new(store, name, e))
 }
 
-/// A line about a file of the database: its path, then what is wrong, without line breaks.
-pub(crate) fn located(store: &dyn Store, name: &str, what: impl std::fmt::Display) -> String {
-    format!("{}: {what}", store.describe(name)).replace(['\n', '\r'], " ")
-}
-
-fn read_whole(store: &dyn Store, name: &str) -> Result<Vec<u8>, String> {
-    let fail = |e: io::Error| located(store, name, format_args!("file: cannot be read: {e}"));
+fn read_whole(store: &dyn Store, name: &str) -> Result<Vec<u8>, Fault> {
+    let fail = |e: io::Error| Fault::unreadable(store, name, "read", &e);
     let len = store.len(name).map_err(fail)?;
     let len = usize::try_from(len).map_err(|e| fail(io::Error::other(e)))?;
     store.read(name, 0, len).map_err(fail)
@@ -82,6 +87,29 @@ pub(crate) fn folder_bytes(folder: &Path) -> Result<u64, CommandError> {
         }
     }
     Ok(bytes)
+}
+
+/// Names of files below a folder, relative to it with `/`, in no order; at most so many.
+///
+/// # Errors
+/// A folder that cannot be read.
+pub(crate) fn files_below(folder: &Path, most: usize) -> io::Result<Vec<String>> {
+    let (mut files, mut folders) = (Vec::new(), vec![String::new()]);
+    while let Some(inner) = folders.pop() {
+        for entry in fs::read_dir(folder.join(&inner))? {
+            let entry = entry?;
+            let name = format!("{inner}{}", entry.file_name().to_string_lossy());
+            if files.len() == most {
+                return Ok(files);
+            }
+            match entry.file_type()? {
+                kind if kind.is_dir() => folders.push(name + "/"),
+                kind if kind.is_file() => files.push(name),
+                _ => {}
+            }
+        }
+    }
+    Ok(files)
 }
 
 fn named(path: &Path, e: &io::Error) -> io::Error {
@@ -132,7 +160,7 @@ mod tests {
         );
         fs::write(dir.path().join("a.oct"), "nonsense\nin lines").unwrap();
         let store = FolderStore::open(dir.path()).unwrap();
-        let octree = read_octree(&store, "a.oct").unwrap_err();
+        let octree = read_octree(&store, "a.oct").unwrap_err().to_string();
         assert!(octree.contains("a.oct: ") && !octree.contains('\n'), "{octree}");
     }
 }

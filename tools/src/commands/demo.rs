@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use super::CommandError;
 use super::database::print;
+use super::say::spinner;
 use crate::input::demo::{DEFAULT_SIZE, DemoInput, write_demo};
 
 /// Arguments of `demo`.
@@ -26,7 +27,9 @@ pub struct Args {
 /// # Errors
 /// A size that cannot be made, a folder or file that cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
+    let working = spinner("making a terrain");
     let demo = write_demo(&args.out, args.seed, args.size)?;
+    working.finish_and_clear();
     print(&format!(
         "{} m × {} m of terrain with {} trees in {}\nnext: {}\n",
         args.size,

@@ -14,8 +14,10 @@ use brickfell_runtime::settings::RenderSettings;
 use brickfell_runtime::terrain::read_header;
 use clap::Args as ClapArgs;
 use glam::DVec3;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 
+use super::database::print;
+use super::say;
 use super::view_args::ViewArgs;
 use super::{CommandError, open_device, open_terrain, tell_of_blocks};
 use crate::flight::Flight;
@@ -64,6 +66,9 @@ pub struct Args {
     /// Write what culler and pager did in each frame: a trace for Perfetto, chrome://tracing and `brickfell stats`
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
+    /// Print JSON: the summary of the report
+    #[arg(long)]
+    pub json: bool,
     /// Picture, budgets, light
     #[command(flatten)]
     pub view: ViewArgs,
@@ -130,8 +135,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         args.view.config(),
     )?;
     tell_of_blocks(&renderer);
-    let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} frames, {eta} left");
-    let bar = ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let bar = say::bar(0, "{msg} {wide_bar} {pos}/{len} frames, {eta} left");
     let mut flying = Flying {
         args,
         path,
@@ -172,8 +176,21 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     std::fs::write(&file, json + "\n").map_err(|e| file_error(&file, e))?;
     flying.bar.finish_and_clear();
     let s = &report.summary;
-    println!(
-        "{} frames in {:.1} s, median {:.1} ms, {:.2} M rays/s on {}",
+    if args.json {
+        print(&(serde_json::to_string_pretty(s)? + "\n"))?;
+    } else {
+        print(&describe(args, s))?;
+    }
+    for fault in &s.faults {
+        eprintln!("brickfell: {fault}");
+    }
+    Ok(ExitCode::from(if s.faults.is_empty() { 0 } else { 2 }))
+}
+
+/// The flight in a few lines.
+fn describe(args: &Args, s: &Summary) -> String {
+    let mut text = format!(
+        "{} frames in {:.1} s, median {:.1} ms, {:.2} M rays/s on {}\n",
         s.frames,
         s.seconds,
         s.frame_ms.p50,
@@ -181,18 +198,15 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         s.adapter
     );
     if let (Some(target_ms), Some(within)) = (s.target_ms, s.within_target) {
-        println!(
-            "{:.1} % of the frames within {target_ms} ms; mean bias {:.2}, mean scale {:.2}",
+        text += &format!(
+            "{:.1} % of the frames within {target_ms} ms; mean bias {:.2}, mean scale {:.2}\n",
             within * 100.0,
             s.bias_mean,
             s.scale_mean
         );
     }
-    println!("see {} and {}", overview.display(), file.display());
-    for fault in &s.faults {
-        eprintln!("brickfell: {fault}");
-    }
-    Ok(ExitCode::from(if s.faults.is_empty() { 0 } else { 2 }))
+    let see = ["overview.png", "report.json"].map(|name| args.out.join(name).display().to_string());
+    text + &format!("see {} and {}\n", see[0], see[1])
 }
 
 /// Makes a video of the frames in a folder, so many a second, if there is a program for it; else says so.

@@ -6,7 +6,6 @@ use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use brickfell_culler::{Printer, Statistics};
 use brickfell_formats::bricks::brick_file_name;
 use brickfell_formats::octree::Octree;
 use brickfell_formats::octree_binary;
@@ -16,26 +15,22 @@ use indicatif::{HumanBytes, HumanCount};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::CommandError;
 use super::convert::is_compressed;
-use super::database::{folder_bytes, located, open_scene, print, read_octree};
-use super::{CommandError, open_terrain};
+use super::database::{folder_bytes, open_scene, print, read_octree};
+use super::fault::Fault;
+use super::say::bar;
 
 /// Arguments of `info`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Folder of the database: the one that holds scene.xml; with `--graph` also `procedural:SEED`
+    /// Folder of the database: the one that holds scene.xml
     #[arg(value_name = "DIR")]
     pub dir: PathBuf,
     /// Print JSON: trees, coarse_trees, coarse_bytes, levels, bricks, voxels, bytes, bytes_per_level, bytes_per_voxel, voxel_size, bounds, compressed, crs
     #[arg(long)]
     pub json: bool,
-    /// Print the scene graph instead: groups and trees with their boxes, as they nest
-    #[arg(long, conflicts_with = "json")]
-    pub graph: bool,
 }
-
-/// Trees of a group that are listed one by one.
-const LISTED_TREES: usize = 16;
 
 /// A box in the world, metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -47,7 +42,8 @@ pub struct WorldBox {
 }
 
 impl WorldBox {
-    fn of(corners: [DVec3; 2]) -> Self {
+    /// From corner to corner.
+    pub(crate) fn of(corners: [DVec3; 2]) -> Self {
         Self {
             min: corners[0].to_array(),
             max: corners[1].to_array(),
@@ -101,10 +97,7 @@ struct TreeInfo {
 /// # Errors
 /// A scene or an octree that cannot be read, or a brick file that is missing.
 pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
-    if args.graph {
-        return graph(args);
-    }
-    let info = inspect(args)?;
+    let info = sum_up(args)?;
     if args.json {
         print(&(serde_json::to_string_pretty(&info)? + "\n"))?;
     } else {
@@ -113,44 +106,24 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Prints the scene graph and its figures; faults of the scene go to standard error.
-fn graph(args: &Args) -> Result<ExitCode, CommandError> {
-    let (_, terrain) = open_terrain(&args.dir)?;
-    let (mut printer, mut statistics) = (Printer::new(LISTED_TREES), Statistics::default());
-    terrain.graph.accept(&mut printer);
-    terrain.graph.accept(&mut statistics);
-    let Statistics {
-        groups,
-        trees,
-        coarse,
-        nesting,
-        widest,
-        overlapping,
-        empty,
-    } = statistics;
-    print(&printer.finish())?;
-    print(&format!(
-        "{groups} groups nested {nesting} deep, up to {widest} children; {trees} trees, {empty} of them empty; {coarse} coarse trees; \
-         children overlap in {overlapping} groups\n"
-    ))?;
-    for fault in &terrain.faults {
-        eprintln!("brickfell: {fault}");
-    }
-    Ok(ExitCode::from(if terrain.faults.is_empty() { 0 } else { 2 }))
-}
-
-fn inspect(args: &Args) -> Result<Info, CommandError> {
+fn sum_up(args: &Args) -> Result<Info, CommandError> {
     let (store, scene) = open_scene(&args.dir)?;
     let names: Vec<&str> = scene.trees().map(|t| t.tree_file.as_str()).collect();
+    let bar = bar(names.len() as u64, "{bar:32} {pos}/{len} trees, {eta} left");
     let trees: Vec<TreeInfo> = names
         .par_iter()
-        .map(|name| inspect_tree(&store, name))
+        .map(|name| {
+            let info = tree_info(&store, name);
+            bar.inc(1);
+            info
+        })
         .collect::<Result<_, _>>()
         .map_err(|e| CommandError::new(e, "`brickfell check` lists everything that is wrong"))?;
     let coarse: Vec<TreeInfo> = (scene.coarse_trees().collect::<Vec<_>>().par_iter())
-        .map(|coarse| inspect_tree(&store, &coarse.tree.tree_file))
+        .map(|coarse| tree_info(&store, &coarse.tree.tree_file))
         .collect::<Result<_, _>>()
         .map_err(|e| CommandError::new(e, "`brickfell check` lists everything that is wrong"))?;
+    bar.finish_and_clear();
     let bytes = folder_bytes(&args.dir)?;
     let voxels: u64 = trees.iter().map(|t| t.voxels).sum();
     let levels = trees.iter().map(|t| t.bytes_per_level.len()).max().unwrap_or(0);
@@ -175,7 +148,7 @@ fn inspect(args: &Args) -> Result<Info, CommandError> {
     })
 }
 
-fn inspect_tree(store: &dyn Store, name: &str) -> Result<TreeInfo, String> {
+fn tree_info(store: &dyn Store, name: &str) -> Result<TreeInfo, Fault> {
     let octree = read_octree(store, name)?;
     let header = octree.header;
     let file = file_len(store, name)?;
@@ -204,21 +177,21 @@ fn inspect_tree(store: &dyn Store, name: &str) -> Result<TreeInfo, String> {
 }
 
 /// Bytes that the nodes of each level take in the octree file; none where it is XML, in which levels have no place.
-fn node_bytes(store: &dyn Store, name: &str, octree: &Octree) -> Result<Vec<u64>, String> {
+fn node_bytes(store: &dyn Store, name: &str, octree: &Octree) -> Result<Vec<u64>, Fault> {
     let len = file_len(store, name)?;
     let prefix = len.min(octree_binary::prefix_len() as u64) as usize;
-    let head = store.read(name, 0, prefix).map_err(|e| located(store, name, e))?;
+    let head = (store.read(name, 0, prefix)).map_err(|e| Fault::unreadable(store, name, "read", &e))?;
     if !octree_binary::is_binary(&head) {
         return Ok(vec![0; octree.levels.len()]);
     }
-    let index = octree_binary::decode_header(&head, len).map_err(|e| located(store, name, e))?;
+    let index = octree_binary::decode_header(&head, len).map_err(|e| Fault::new(store, name, e))?;
     Ok(index.levels.iter().map(|level| level.bytes).collect())
 }
 
-fn file_len(store: &dyn Store, name: &str) -> Result<u64, String> {
+fn file_len(store: &dyn Store, name: &str) -> Result<u64, Fault> {
     store
         .len(name)
-        .map_err(|e| located(store, name, format_args!("file: cannot be opened: {e}")))
+        .map_err(|e| Fault::unreadable(store, name, "opened", &e))
 }
 
 /// The figures as text for people.
@@ -269,12 +242,7 @@ mod tests {
     fn a_scene_written_by_hand_has_its_trees_as_bounds() {
         let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/two_trees");
         let bytes = folder_bytes(&dir).unwrap();
-        let info = inspect(&Args {
-            dir,
-            json: true,
-            graph: false,
-        })
-        .unwrap();
+        let info = sum_up(&Args { dir, json: true }).unwrap();
         assert_eq!((info.trees, info.levels, info.bricks, info.voxels), (2, 5, 0, 0));
         assert_eq!((info.bytes, info.bytes_per_voxel), (bytes, None));
         assert_eq!(info.bytes_per_level[1..], [0; 4]);

@@ -1,19 +1,27 @@
 //! The program's commands: arguments, what they print, exit codes. The work itself is in the libraries.
 //!
 //! Each command is a module with its `Args` and a `run`. An error is one clear line and a hint; the exit code is 1 for
-//! errors, 2 where something was drawn but not all of it could be read.
+//! errors, 2 where something was drawn or shown but not all of it could be read.
 
 pub mod bench;
 pub mod build;
 pub mod check;
 pub mod compare;
+pub mod completions;
 pub mod convert;
 pub(crate) mod database;
 pub mod demo;
+pub mod examples;
+pub(crate) mod fault;
 pub mod fly;
 pub mod info;
 pub mod input_args;
+pub mod inspect;
+pub mod man;
+pub mod new;
 pub mod render;
+pub mod say;
+pub mod slice;
 pub mod stats;
 pub mod view;
 pub mod view_args;
@@ -68,6 +76,11 @@ impl fmt::Display for CommandError {
 /// What a terrain begins with that is made from a seed instead of read from a folder.
 const PROCEDURAL: &str = "procedural:";
 
+/// Whether a terrain is made from a seed.
+pub(crate) fn is_procedural(terrain: &Path) -> bool {
+    terrain.to_str().is_some_and(|t| t.starts_with(PROCEDURAL))
+}
+
 /// Opens a terrain: a folder, or `procedural:SEED?extent=METRES&voxel=METRES`.
 ///
 /// # Errors
@@ -119,16 +132,16 @@ pub fn open_device(view: &ViewArgs) -> Result<Device, CommandError> {
         Err(error @ RuntimeError::NoAdapter) if !view.gpu => error.to_string(),
         result => return Ok(explained(result)?.into()),
     };
-    eprintln!("note: {reason}; the CPU draws (--gpu: it does not)");
+    say::note(format_args!("{reason}; the CPU draws (--gpu: it does not)"));
     Ok(Device::Cpu)
 }
 
 /// Says so where block-compressed bricks are drawn as samples.
 pub fn tell_of_blocks(renderer: &Renderer) {
     if renderer.decodes_blocks() {
-        eprintln!(
-            "note: {} reads no block-compressed 3D textures; bricks are decoded to samples",
+        say::note(format_args!(
+            "{} reads no block-compressed 3D textures; bricks are decoded to samples",
             renderer.device()
-        );
+        ));
     }
 }

@@ -11,6 +11,7 @@ use clap::Args as ClapArgs;
 use glam::DVec3;
 
 use super::input_args::InputArgs;
+use super::say::spinner;
 use super::view_args::{ViewArgs, parse_point};
 use super::{CommandError, open_device, open_terrain, tell_of_blocks};
 use crate::picture_file::over_sky;
@@ -69,6 +70,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         ));
     }
     let (store, terrain) = open_terrain(&args.dir)?;
+    let drawing = spinner("drawing");
     let (picture, faults): (Picture, Vec<String>) = if args.truth {
         let (mut boxes, mut faults) = (Vec::new(), terrain.faults);
         for name in &terrain.trees {
@@ -97,6 +99,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
         renderer.settle(&camera, &settings)?;
         (renderer.read_picture()?, renderer.faults().to_vec())
     };
+    drawing.finish_and_clear();
     over_sky(&picture, &camera)
         .save(&args.out)
         .map_err(|e| CommandError::new(format!("{}: {e}", args.out.display()), "is the folder there?"))?;

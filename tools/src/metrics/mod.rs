@@ -9,6 +9,7 @@ mod flip;
 pub use flip::{PIXELS_PER_DEGREE, flip, heat};
 
 use brickfell_formats::value::linear_to_srgb;
+use serde::Serialize;
 
 /// PSNR of equal pictures, dB; no PSNR is above it.
 pub const MAX_PSNR: f64 = 99.0;
@@ -27,7 +28,7 @@ pub struct LinearImage {
 }
 
 /// What there is to say about two pictures.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Errors {
     /// Root of the mean square difference of components in linear light.
     pub rmse: f64,
@@ -44,7 +45,7 @@ pub struct Errors {
 }
 
 /// The worst pixel, the first of several.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Worst {
     /// 8-bit sRGB steps.
     pub steps: u8,

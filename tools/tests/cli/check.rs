@@ -120,7 +120,14 @@ fn files_that_are_missing_or_swapped_are_named() {
     let db = copy_of_database();
     let octree = an_octree(db.path());
     fs::remove_file(db.path().join(&octree)).unwrap();
-    assert!(fault(db.path(), &octree).starts_with("file: cannot be opened: "));
+    let line = fault(db.path(), "scene.xml");
+    assert!(
+        line.starts_with("line ")
+            && line.contains(&format!(
+                "TreeFile=\"{octree}\": there is no such file; did you mean trees/"
+            )),
+        "{line}"
+    );
     fs::create_dir(db.path().join(&octree)).unwrap();
     fault(db.path(), &octree);
 }
@@ -178,7 +185,10 @@ fn bricks_of_another_tree_are_found_by_their_places() {
         });
     });
     let line = fault(db.path(), &file);
-    assert!(line.starts_with("chunk ") && line.contains("level 3"), "{line}");
+    assert!(
+        line.starts_with("byte ") && line.contains("chunk ") && line.contains("level 3"),
+        "{line}"
+    );
 }
 
 #[test]
@@ -216,15 +226,75 @@ fn scenes_that_cannot_be_read_name_line_and_column() {
         let path = db.path().join("scene.xml");
         replace(&path, old, new);
         let run = check(db.path());
-        let line = run.error(1);
+        assert_eq!((run.code, run.err.as_str()), (1, ""), "{}", run.out);
+        let line = run.out.lines().next().unwrap();
         let place = line.strip_prefix(&format!("{}: line ", path.display()));
         assert!(place.is_some_and(|p| p.contains(", column ")), "{line}");
         assert!(line.contains(expected), "{line}");
+        // Who does not list faults names the first.
+        let run = brickfell(["info", &db.path().display().to_string()]);
+        assert_eq!(run.error(1), line);
     }
     let db = copy_of_database();
     fs::remove_file(db.path().join("scene.xml")).unwrap();
     assert!(check(db.path()).error(1).contains("scene.xml: "));
     assert!(check(&db.path().join("nowhere")).error(1).contains("nowhere"));
+}
+
+#[test]
+fn everything_that_is_wrong_in_a_scene_is_told_at_once() {
+    let example = copy_of_example();
+    let scene = example.path().join("scene.xml");
+    replace(&scene, "TreeFile=\"west.xml\"", "TreeFile=\"wset.xml\"");
+    replace(
+        &scene,
+        "<PagedOctTree CenterX=\"40\"",
+        "<Tree/>\n<PagedOctTree CentreX=\"40\"",
+    );
+    replace(&scene, "Compressed=\"NO\"", "Compressed=\"no\"");
+    let run = check(example.path());
+    let lines: Vec<&str> = run.out.lines().collect();
+    let expected = [
+        "line 6, column 27: OctTreeGroup: Compressed=\"no\" is unknown (known: YES, NO); did you mean NO?",
+        "line 11, column 3: Tree: unknown element in OctTreeGroup; known: OctTreeGroup, PagedOctTree, CoarseOctTree",
+        "line 12, column 15: PagedOctTree: attribute CentreX is unknown; did you mean CenterX?",
+        "line 9, column 70: TreeFile=\"wset.xml\": there is no such file; did you mean west.xml?",
+    ];
+    assert_eq!(lines.len(), expected.len() + 1, "{}", run.out);
+    for (line, expected) in lines.iter().zip(expected) {
+        assert_eq!(*line, format!("{}: {expected}", scene.display()));
+    }
+
+    let run = brickfell(["check", &example.path().display().to_string(), "--json"]);
+    assert_eq!(run.code, 1);
+    let json: serde_json::Value = serde_json::from_str(&run.out).unwrap();
+    let faults = json["faults"].as_array().unwrap();
+    assert_eq!(faults.len(), 4);
+    let expected = serde_json::json!({
+        "path": scene.display().to_string(), "line": 12, "column": 15,
+        "message": "PagedOctTree: attribute CentreX is unknown", "suggestion": "did you mean CenterX?",
+    });
+    assert_eq!(faults[2], expected);
+    assert_eq!((&json["trees"], &json["bricks"]), (&1.into(), &0.into()));
+    let db = copy_of_database();
+    let octree = an_octree(db.path());
+    edit(&db.path().join(&octree), |b| b[8] = 9);
+    let run = brickfell(["check", &db.path().display().to_string(), "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&run.out).unwrap();
+    assert_eq!(json["faults"][0]["byte"], 8, "{json}");
+}
+
+#[test]
+fn tree_files_are_looked_for_elsewhere_in_the_folder() {
+    let example = copy_of_example();
+    fs::create_dir(example.path().join("somewhere")).unwrap();
+    fs::rename(
+        example.path().join("west.xml"),
+        example.path().join("somewhere/west.xml"),
+    )
+    .unwrap();
+    let line = fault(example.path(), "scene.xml");
+    assert!(line.ends_with("; did you mean somewhere/west.xml?"), "{line}");
 }
 
 #[test]
@@ -277,7 +347,9 @@ fn overlapping_trees_are_a_warning() {
     let run = check(example.path());
     let warning = run.success().lines().find_map(|l| l.strip_prefix("warning: "));
     assert!(
-        warning.is_some_and(|w| w.contains("east.xml and east.xml overlap")),
+        warning.is_some_and(
+            |w| w.contains("line 11, column 70") && w.contains("its box and that of east.xml overlap")
+        ),
         "{}",
         run.out
     );

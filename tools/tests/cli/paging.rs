@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::common::{brickfell, copy_of_database};
+use crate::common::brickfell;
 
 const TERRAIN: &str = "procedural:5?extent=600m&voxel=1&depth=3";
 
@@ -142,27 +142,4 @@ fn trees_that_hide_each_other_in_a_circle_are_a_warning_and_are_drawn() {
         "{}",
         check.out
     );
-}
-
-#[test]
-fn the_scene_graph_is_printed_with_its_figures() {
-    let run = brickfell(["info", "--graph", TERRAIN]);
-    let text = run.success();
-    let lines: Vec<&str> = text.lines().collect();
-    assert!(
-        lines[0].starts_with("group 0: ") && lines[0].ends_with(", 1 child"),
-        "{}",
-        lines[0]
-    );
-    assert!(
-        lines[1].starts_with("  group 1: ") && lines[1].contains("4 children, 1 coarse"),
-        "{}",
-        lines[1]
-    );
-    let last = lines[lines.len() - 1];
-    let figures = "40 groups nested 5 deep, up to 4 children; 100 trees, 0 of them empty; 39 coarse trees";
-    assert!(last.starts_with(figures), "{last}");
-    let db = copy_of_database();
-    let run = brickfell(["info", "--graph", &db.path().display().to_string()]);
-    assert!(run.success().contains("tree 0: "), "{}", run.out);
 }

@@ -7,12 +7,10 @@ use std::collections::BTreeMap;
 
 use brickfell_culler::{Aabb, Camera, Culler, SceneGraph, TreeId, overlapping_pairs};
 use brickfell_formats::scene::PagedOctTree;
-use brickfell_pager::Store;
-use brickfell_runtime::terrain::SCENE_FILE;
 use glam::DVec3;
 
-use super::super::database::located;
 use super::Report;
+use super::source::Source;
 use super::tree::TreeReport;
 
 /// Most pairs of overlapping trees that are listed one by one.
@@ -22,7 +20,7 @@ const INSIDE: usize = 64;
 
 /// Notes a warning for each pair of trees that overlap, or one for a place from which trees have no order.
 pub(super) fn check(
-    store: &dyn Store,
+    source: &Source,
     references: &[&PagedOctTree],
     trees: &BTreeMap<&str, TreeReport>,
     report: &mut Report,
@@ -43,34 +41,31 @@ pub(super) fn check(
         Ok(())
     });
     if let Err(e) = added {
-        report
-            .faults
-            .push(located(store, SCENE_FILE, format_args!("file: {e}")));
+        report.faults.push(source.scene(e.to_string()));
         return;
     }
     let graph = builder.finish();
     let pairs = overlapping_pairs(&graph);
-    let mut warn = |what: String| report.warnings.push(located(store, SCENE_FILE, what));
     let name = |id: TreeId| references.get(id.0 as usize).map_or("", |t| t.tree_file.as_str());
     for (a, b) in pairs.iter().take(LISTED_PAIRS) {
-        warn(format!(
-            "file: the boxes of {} and {} overlap: no order of drawing is right for them",
-            name(*a),
+        let what = format!(
+            "its box and that of {} overlap: no order of drawing is right for them",
             name(*b)
-        ));
+        );
+        report.warnings.push(source.reference(name(*a), what));
     }
     if pairs.len() > LISTED_PAIRS {
-        warn(format!(
-            "file: {} more pairs of trees overlap",
-            pairs.len() - LISTED_PAIRS
-        ));
+        let more = pairs.len() - LISTED_PAIRS;
+        report
+            .warnings
+            .push(source.scene(format!("{more} more pairs of trees overlap")));
     }
     if pairs.is_empty()
         && let Some(eye) = circle(&graph)
     {
-        warn(format!(
-            "file: seen from {eye}, trees hide each other in a circle: no order of drawing is right for them"
-        ));
+        report.warnings.push(source.scene(format!(
+            "seen from {eye}, trees hide each other in a circle: no order of drawing is right for them"
+        )));
     }
 }
 

@@ -2,6 +2,8 @@
 //!
 //! Called on any thread, one tree at a time each.
 
+use std::io::ErrorKind;
+
 use brickfell_formats::bricks::brick_file_name;
 use brickfell_formats::morton;
 use brickfell_formats::octree::{BRICK, TreeHeader, child_positions};
@@ -10,15 +12,18 @@ use glam::UVec3;
 use indicatif::ProgressBar;
 
 use super::bricks::{Level, check_level};
-use crate::commands::database::{located, read_octree};
+use crate::commands::database::read_octree;
+use crate::commands::fault::Fault;
 
 /// What was found out about a tree.
 #[derive(Debug, Default)]
 pub(super) struct TreeReport {
     /// The header, if the octree file can be read.
     pub(super) header: Option<TreeHeader>,
-    /// Lines, in the order of the files.
-    pub(super) faults: Vec<String>,
+    /// Whether there is no octree file. What to say of that depends on who names it.
+    pub(super) missing: bool,
+    /// What is wrong, in the order of the files.
+    pub(super) faults: Vec<Fault>,
     /// Bricks that the octree refers to.
     pub(super) bricks: u64,
     /// Chunks that were decoded.
@@ -30,6 +35,12 @@ pub(super) struct TreeReport {
 /// Reads everything that belongs to the tree in an octree file.
 pub(super) fn check(store: &dyn Store, name: &str, bar: &ProgressBar) -> TreeReport {
     let mut report = TreeReport::default();
+    if let Err(e) = store.len(name)
+        && e.kind() == ErrorKind::NotFound
+    {
+        report.missing = true;
+        return report;
+    }
     let octree = match read_octree(store, name) {
         Ok(octree) => octree,
         Err(fault) => {
@@ -39,7 +50,7 @@ pub(super) fn check(store: &dyn Store, name: &str, bar: &ProgressBar) -> TreeRep
     };
     bar.inc(store.len(name).unwrap_or(0));
     if let Err(e) = octree.validate() {
-        report.faults.push(located(store, name, e));
+        report.faults.push(Fault::new(store, name, e));
         return report;
     }
     report.header = Some(octree.header);

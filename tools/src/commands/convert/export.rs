@@ -13,6 +13,7 @@ use brickfell_formats::octree::{NodeData, Octree, octant};
 use brickfell_formats::value::{decode_color, linear_to_srgb};
 use brickfell_pager::FolderStore;
 use glam::{DVec3, IVec3, UVec3};
+use indicatif::ProgressBar;
 use rayon::prelude::*;
 
 use super::recode::levels;
@@ -57,14 +58,15 @@ struct Voxel {
 pub(super) fn export(
     store: &FolderStore,
     names: &[&str],
-    level: Option<u8>,
-    shape: Shape,
+    (level, shape): (Option<u8>, Shape),
     out: &Path,
+    bar: &ProgressBar,
 ) -> Result<u64, String> {
     let io = |e: std::io::Error| format!("{}: {e}", out.display());
     let mut voxels = Vec::new();
     for name in names {
         voxels.extend(Tree::read(store, name, level)?.surface());
+        bar.inc(1);
     }
     let mut file = BufWriter::new(File::create(out).map_err(io)?);
     let written = match shape {

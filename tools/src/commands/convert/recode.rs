@@ -14,11 +14,13 @@ use brickfell_formats::{morton, octree_binary, octree_xml};
 use brickfell_pager::{FolderStore, Store};
 use brickfell_runtime::terrain::SCENE_FILE;
 use glam::UVec3;
+use indicatif::ProgressBar;
 use rayon::prelude::*;
 
 use super::{Args, Octrees};
 use crate::commands::check::bricks::{Level, codes};
-use crate::commands::database::{located, read_octree};
+use crate::commands::database::read_octree;
+use crate::commands::fault::Fault;
 
 /// Chunks that are read, decoded and encoded together.
 const BATCH: u32 = 64;
@@ -27,10 +29,16 @@ const BATCH: u32 = 64;
 ///
 /// # Errors
 /// One line: path, place, reason.
-pub(super) fn recode(store: &FolderStore, names: &[&str], args: &Args) -> Result<(), String> {
+pub(super) fn recode(
+    store: &FolderStore,
+    names: &[&str],
+    args: &Args,
+    bar: &ProgressBar,
+) -> Result<(), String> {
     create_folder(&args.out)?;
     for name in names {
         tree(store, name, args)?;
+        bar.inc(1);
     }
     // Last: a folder without it is no database.
     copy(store, SCENE_FILE, &args.out)
@@ -42,7 +50,7 @@ fn tree(store: &FolderStore, name: &str, args: &Args) -> Result<(), String> {
     if let Some(folder) = path.parent() {
         create_folder(folder)?;
     }
-    let fail = |e: brickfell_formats::FormatError| located(store, name, e);
+    let fail = |e: brickfell_formats::FormatError| Fault::new(store, name, e);
     match args.octrees {
         None => copy(store, name, &args.out)?,
         Some(Octrees::Xml) => write(&path, octree_xml::encode(&octree).map_err(fail)?.as_bytes())?,
@@ -55,7 +63,7 @@ fn tree(store: &FolderStore, name: &str, args: &Args) -> Result<(), String> {
 }
 
 /// The levels of a tree that have bricks.
-pub(super) fn levels<'a>(store: &'a FolderStore, name: &str, octree: &Octree) -> Vec<Level<'a>> {
+pub(crate) fn levels<'a>(store: &'a FolderStore, name: &str, octree: &Octree) -> Vec<Level<'a>> {
     let mut positions = vec![UVec3::ZERO];
     let mut levels = Vec::new();
     for (level, nodes) in (0..).zip(&octree.levels) {
@@ -93,7 +101,7 @@ fn level_bricks(level: &Level, args: &Args) -> Result<(), String> {
     let encoding = Encoding::from(args.encoding);
     let path = args.out.join(&level.file);
     let io = |e: std::io::Error| format!("{}: {e}", path.display());
-    let fail = |e: brickfell_formats::FormatError| located(level.store, &level.file, e);
+    let fail = |e: brickfell_formats::FormatError| Fault::new(level.store, &level.file, e);
     let mut file = File::create(&path).map_err(io)?;
     file.write_all(&[0; HEADER_BYTES]).map_err(io)?;
     let mut writer = BrickFileWriter::new(level.level, level.layout, chunk_log2, encoding)
@@ -163,7 +171,7 @@ fn add(open: &mut Vec<Open>, brick: u64, chunk_log2: u8, from: &Chunk, k: usize)
 }
 
 fn copy(store: &dyn Store, name: &str, out: &Path) -> Result<(), String> {
-    let fail = |e: std::io::Error| located(store, name, e);
+    let fail = |e: std::io::Error| Fault::unreadable(store, name, "read", &e);
     let len = store.len(name).map_err(fail)?;
     let bytes = store.read(name, 0, len as usize).map_err(fail)?;
     write(&out.join(name), &bytes)

@@ -104,6 +104,11 @@ pub fn write_demo(dir: &Path, seed: u64, size_m: f64) -> Result<DemoInput, Input
     })
 }
 
+/// Height of the ground of a demo terrain, metres.
+pub(crate) fn demo_height(seed: u64, size_m: f64, at: DVec2) -> f64 {
+    Terrain::new(seed, size_m).height(at)
+}
+
 fn write_heights(dir: &Path, terrain: &Terrain) -> Result<PathBuf, InputError> {
     let path = dir.join("heights.png");
     let n = (terrain.size / HEIGHT_STEP).round() as u32;
