@@ -18,6 +18,7 @@ mod fly;
 mod info;
 mod inputs;
 mod inspect;
+mod manual;
 mod new;
 mod paging;
 mod rasters;
