@@ -28,7 +28,7 @@ use crate::input::demo::{demo_height, write_demo};
 const SEED: u64 = 1;
 const SIDE: f64 = 64.0;
 const VOXEL: f64 = 0.5;
-const TREE_VOXELS: u32 = 128;
+const TREE_VOXELS: u32 = 256;
 /// Side of the tower's tree, metres, its floor, and the voxel of its root, on whose multiples trees begin.
 const TOWER: f64 = 16.0;
 const FLOOR: f64 = 4.0;

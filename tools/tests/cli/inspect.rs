@@ -110,6 +110,20 @@ fn large_scenes_are_summed_up() {
         "{}",
         one.out
     );
+    let one = brickfell(["inspect", TERRAIN, "--depth", "1", "--json"]);
+    let json: Value = serde_json::from_str(one.success()).unwrap();
+    let width = |group: &Value| {
+        let corner = |end: &str| group["bounds"][end][0].as_f64().unwrap();
+        corner("max") - corner("min")
+    };
+    assert_eq!(width(&json["scene"]), 1024.0);
+    for group in json["scene"]["groups"].as_array().unwrap() {
+        assert_eq!(
+            (width(group), &group["sum"]["trees"]),
+            (512.0, &16.into()),
+            "{group}"
+        );
+    }
     let none = brickfell(["inspect", TERRAIN, "--depth", "0", "--json"]);
     let json: Value = serde_json::from_str(none.success()).unwrap();
     assert_eq!(
