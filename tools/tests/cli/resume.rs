@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -35,7 +36,7 @@ fn a_build_that_is_killed_again_and_again_ends_with_the_same_bytes() {
         let mut child = Command::new(env!("CARGO_BIN_EXE_brickfell"))
             .args(&args)
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
+            .stderr(Stdio::piped())
             .spawn()
             .unwrap();
         // Longer each time, so that some build gets to its end.
@@ -43,7 +44,9 @@ fn a_build_that_is_killed_again_and_again_ends_with_the_same_bytes() {
         wait += wait / 4;
         match child.try_wait().unwrap() {
             Some(status) => {
-                assert!(status.success());
+                let mut said = String::new();
+                child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+                assert!(status.success(), "after {kills} kills: {said}");
                 break;
             }
             None => {
