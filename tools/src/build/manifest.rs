@@ -3,6 +3,7 @@
 //! It is written before anything else and never changes. A folder is ours if it has one; an equal one means that the
 //! trees already there are those that this build would make.
 
+use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
@@ -127,7 +128,7 @@ pub(crate) fn claim(out: &Path, manifest: &Manifest, force: bool) -> Result<(), 
     write_whole(&path, text.as_bytes())
 }
 
-/// Whether a build may write to the folder: it is not there, has nothing but scratch files in it, or is ours.
+/// Whether a build may write to the folder: it is not there, is ours, or has nothing in it but what a build makes before its manifest.
 ///
 /// # Errors
 /// If it cannot be read.
@@ -136,7 +137,11 @@ pub(crate) fn is_free(out: &Path) -> Result<bool, BuildError> {
         return Ok(true);
     }
     let mut entries = fs::read_dir(out).map_err(BuildError::io(out))?.flatten();
-    Ok(entries.all(|e| e.file_name() == SCRATCH))
+    let is_empty = |folder: &Path| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+    Ok(entries.all(|entry| {
+        let name = entry.file_name();
+        name == SCRATCH || name == partial_name(MANIFEST.as_ref()) || name == TREES && is_empty(&entry.path())
+    }))
 }
 
 fn is_ours(manifest: &[u8]) -> bool {
@@ -226,14 +231,19 @@ fn is_tree_name(name: &str) -> bool {
 /// Ending of a folder whose tree is being written.
 pub(crate) const PARTIAL: &str = ".partial";
 
+/// What a file is called while it is being written.
+fn partial_name(name: &OsStr) -> OsString {
+    let mut partial = name.to_os_string();
+    partial.push(PARTIAL);
+    partial
+}
+
 /// Writes a file under another name and renames it into place.
 ///
 /// # Errors
 /// If that fails.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), BuildError> {
-    let mut name = path.as_os_str().to_os_string();
-    name.push(PARTIAL);
-    let partial = PathBuf::from(name);
+    let partial = PathBuf::from(partial_name(path.as_os_str()));
     let write = || {
         let mut file = fs::File::create(&partial)?;
         std::io::Write::write_all(&mut file, bytes)?;
@@ -246,6 +256,19 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), BuildError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_a_build_made_before_its_manifest_is_in_nobodys_way() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path();
+        assert!(is_free(out).unwrap());
+        // As a build that was killed leaves it.
+        fs::create_dir(out.join(TREES)).unwrap();
+        fs::write(out.join(partial_name(MANIFEST.as_ref())), "{").unwrap();
+        assert!(is_free(out).unwrap());
+        fs::write(out.join(TREES).join("oak"), "").unwrap();
+        assert!(!is_free(out).unwrap());
+    }
 
     #[test]
     fn names_of_trees() {
