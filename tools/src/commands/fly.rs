@@ -239,10 +239,10 @@ fn make_video(folder: &Path, rate: f64) -> Result<(), CommandError> {
             "the frames are there, numbered from frame_0000.png on",
         )),
         Err(e) => {
-            eprintln!(
-                "note: no video, ffmpeg cannot be started ({e}); the frames are {}",
+            say::note(format_args!(
+                "no video, ffmpeg cannot be started ({e}); the frames are {}",
                 frames.display()
-            );
+            ));
             Ok(())
         }
     }

@@ -29,6 +29,7 @@ use super::screen::Screen;
 use super::tape::Tape;
 use crate::commands::CommandError;
 use crate::commands::fly::no_tree;
+use crate::commands::say::note;
 use crate::commands::view::Args;
 use crate::flight::Flight;
 use crate::picture_file::over_sky;
@@ -105,10 +106,10 @@ impl Live {
         let gpu = &screen.gpu;
         let device = if args.cpu || (gpu.is_software() && !args.gpu) {
             if !args.cpu {
-                eprintln!(
-                    "note: {} is software; the CPU draws (--gpu: it does not)",
+                note(format_args!(
+                    "{} is software; the CPU draws (--gpu: it does not)",
                     gpu.info.name
-                );
+                ));
             }
             Device::Cpu
         } else {

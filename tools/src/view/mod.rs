@@ -34,6 +34,7 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::window::WindowId;
 
 use crate::commands::CommandError;
+use crate::commands::say::note;
 use crate::commands::view::Args;
 use keep::Kept;
 use live::Live;
@@ -86,7 +87,7 @@ pub fn run(args: &Args) -> Result<(), CommandError> {
         app.kept = live.kept;
     }
     if let Err(e) = app.kept.save() {
-        eprintln!("note: the window's settings are not kept: {e}");
+        note(format_args!("the window's settings are not kept: {e}"));
     }
     app.end
 }
@@ -149,7 +150,7 @@ impl ApplicationHandler<Woken> for App<'_> {
                 if self.losses.len() > LOSSES {
                     self.finish(event_loop, Err(e.into()));
                 } else {
-                    eprintln!("note: {e}; opening the device again");
+                    note(format_args!("{e}; opening the device again"));
                     self.open(event_loop);
                 }
             }
