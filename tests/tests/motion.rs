@@ -1,14 +1,16 @@
 //! Pictures in motion: what rests does not change, what moves slowly changes slowly.
 
 use std::path::Path;
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use brickfell::metrics::{LinearImage, compare};
 use brickfell_culler::Camera;
 use brickfell_formats::layout::SampleLayout;
+use brickfell_runtime::gpu::Gpu;
 use brickfell_runtime::picture::Picture;
-use brickfell_runtime::renderer::Renderer;
+use brickfell_runtime::renderer::{Renderer, RendererConfig};
 use brickfell_runtime::settings::RenderSettings;
+use brickfell_runtime::terrain::Terrain;
 use brickfell_tests::demo::{Demo, SIZE};
 use brickfell_tests::exact::exactly;
 use brickfell_tests::pictures::covered;
@@ -89,7 +91,15 @@ fn frames_make_nothing_on_the_device_and_never_wait_for_it() {
         let settings = RenderSettings::default();
         let start = overview(middle, 30.0);
         // Less than the flight needs, so that bricks come and go.
-        let mut renderer = world.renderer_within(12 << 20);
+        let config = RendererConfig {
+            gpu_budget: 12 << 20,
+            ..RendererConfig::default()
+        };
+        // A device that no other test asks for anything.
+        let gpu = Gpu::open().unwrap();
+        let terrain = Terrain::open(&world.store).unwrap();
+        let mut renderer =
+            Renderer::new(Arc::clone(&gpu), Arc::clone(&world.store), terrain, config).unwrap();
         renderer.settle(&start, &settings).unwrap();
         let mut fly = |step: f64, frames: u32, keep_up: bool| {
             let mut uploads = 0;
@@ -98,9 +108,9 @@ fn frames_make_nothing_on_the_device_and_never_wait_for_it() {
                     eye: start.eye + start.right * (step * f64::from(frame)),
                     ..start
                 };
-                let before = world::gpu().calls();
+                let before = gpu.calls();
                 uploads += renderer.frame(&camera, &settings).unwrap().uploads;
-                assert_eq!(world::gpu().calls(), before, "frame {frame}");
+                assert_eq!(gpu.calls(), before, "frame {frame}");
                 if keep_up {
                     renderer.wait().unwrap();
                 }
