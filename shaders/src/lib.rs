@@ -26,6 +26,7 @@ pub mod layout;
 pub const CAST: &str = concat!(
     include_str!("wgsl/frame.wgsl"),
     include_str!("wgsl/shade.wgsl"),
+    include_str!("wgsl/surface.wgsl"),
     include_str!("wgsl/cast.wgsl")
 );
 

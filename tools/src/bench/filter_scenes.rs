@@ -10,7 +10,7 @@ use image::{ImageBuffer, Rgba};
 
 use super::scenes::{HILLS_SIZE, hill_height, hills_input};
 use crate::commands::CommandError;
-use crate::input::HeightInput;
+use crate::input::{HeightInput, HeightOptions, Inputs, RasterCache, UpAxis};
 use crate::noise::Random;
 
 /// Finest voxel of the small scenes, metres.
@@ -205,9 +205,7 @@ fn random_radius(k: usize) -> f64 {
 
 /// Writes all scenes' inputs below a folder.
 pub(super) fn scenes(folder: &Path) -> Result<Vec<FilterScene>, CommandError> {
-    let input = folder.join("filters-input");
-    fs::create_dir_all(&input)?;
-    write_materials(&input)?;
+    let input = input_folder(folder)?;
     let small = |name, mesh: PathBuf, views| FilterScene {
         name,
         meshes: vec![mesh],
@@ -221,23 +219,52 @@ pub(super) fn scenes(folder: &Path) -> Result<Vec<FilterScene>, CommandError> {
     let wall = wall().write(&input.join("wall.obj"))?;
     let two_walls = two_walls().write(&input.join("two_walls.obj"))?;
     let foliage = foliage().write(&input.join("foliage.obj"))?;
-    let village = village().write(&input.join("village.obj"))?;
-    let middle = DVec2::splat(0.5 * HILLS_SIZE);
     Ok(vec![
         small("wall edge-on", wall.clone(), &[(0.5, 4.0), (181.0, 20.0)]),
         small("wall oblique", wall.clone(), &[(-20.0, 10.0), (150.0, 35.0)]),
         small("wall face-on", wall, &[(-88.0, 5.0), (75.0, 20.0)]),
         small("two walls", two_walls, &[(-85.0, 10.0), (95.0, 10.0)]),
         small("foliage", foliage, &[(-60.0, 10.0), (30.0, 35.0)]),
-        FilterScene {
-            name: "village on hills",
-            meshes: vec![village],
-            heights: vec![hills_input(folder)?],
-            voxel: HILLS_SIZE / 512.0,
-            tree_voxels: 512,
-            middle: middle.extend(hill_height(middle)),
-            extent: HILLS_SIZE,
-            views: &[(-65.0, 12.0), (120.0, 35.0)],
-        },
+        village_scene(folder)?,
     ])
+}
+
+/// A folder for the input below another one, with the materials in it.
+fn input_folder(folder: &Path) -> Result<PathBuf, CommandError> {
+    let input = folder.join("filters-input");
+    fs::create_dir_all(&input)?;
+    write_materials(&input)?;
+    Ok(input)
+}
+
+/// Writes the input of a village on hills below a folder.
+pub(super) fn village_scene(folder: &Path) -> Result<FilterScene, CommandError> {
+    let input = input_folder(folder)?;
+    let middle = DVec2::splat(0.5 * HILLS_SIZE);
+    Ok(FilterScene {
+        name: "village on hills",
+        meshes: vec![village().write(&input.join("village.obj"))?],
+        heights: vec![hills_input(folder)?],
+        voxel: HILLS_SIZE / 512.0,
+        tree_voxels: 512,
+        middle: middle.extend(hill_height(middle)),
+        extent: HILLS_SIZE,
+        views: &[(-65.0, 12.0), (120.0, 35.0)],
+    })
+}
+
+impl FilterScene {
+    /// The input, read.
+    pub(super) fn load(&self) -> Result<Inputs, CommandError> {
+        let cache = RasterCache::new(RasterCache::DEFAULT_BUDGET, std::env::temp_dir());
+        let options = HeightOptions::default();
+        Ok(Inputs::load(
+            &self.meshes,
+            &[],
+            &self.heights,
+            UpAxis::Z,
+            options,
+            &cache,
+        )?)
+    }
 }

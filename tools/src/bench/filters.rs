@@ -24,7 +24,7 @@ use super::filter_scenes::{FilterScene, scenes};
 use super::{Row, Settings, row};
 use crate::build::{BuildArgs, Filter, Silent, build};
 use crate::commands::CommandError;
-use crate::input::{HeightOptions, InputError, Inputs, RasterCache, UpAxis};
+use crate::input::InputError;
 use crate::metrics::{compare, psnr};
 use crate::picture_file::linear_over_sky;
 use crate::truth::{Bottom, Truth};
@@ -147,15 +147,7 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
     let render = RenderSettings::default();
     let mut rows = Vec::new();
     for scene in &scenes(settings.folder)? {
-        let cache = RasterCache::new(RasterCache::DEFAULT_BUDGET, std::env::temp_dir());
-        let input = Inputs::load(
-            &scene.meshes,
-            &[],
-            &scene.heights,
-            UpAxis::Z,
-            HeightOptions::default(),
-            &cache,
-        )?;
+        let input = scene.load()?;
         let mut truths: Vec<Vec<(Camera, Picture)>> = Vec::new();
         for filter in Filter::value_variants() {
             let built = build_scene(settings.folder, scene, *filter)?;

@@ -12,18 +12,17 @@ use brickfell_runtime::terrain::Terrain;
 use glam::{DVec2, DVec3};
 use serde_json::json;
 
+use super::filter_scenes::village_scene;
 use super::filters::build_scene;
 use super::scenes::hill_height;
-use super::{Row, Settings, caster, filter_scenes, row};
+use super::{Row, Settings, caster, row};
 use crate::build::Filter;
 use crate::commands::CommandError;
-use crate::input::{HeightOptions, Inputs, RasterCache, UpAxis};
 use crate::metrics::compare;
 use crate::picture_file::linear_over_sky;
 use crate::report::per_ray;
 use crate::truth::{Bottom, Truth};
 
-const SCENE: &str = "village on hills";
 const WIDTH: u32 = 400;
 const HEIGHT: u32 = 300;
 /// Azimuth and elevation of the sun, degrees.
@@ -46,20 +45,9 @@ fn views() -> Result<[(&'static str, Camera); 2], CommandError> {
 /// # Errors
 /// If the scene cannot be built or drawn.
 pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
-    let scenes = filter_scenes::scenes(settings.folder)?;
-    let Some(scene) = scenes.iter().find(|scene| scene.name == SCENE) else {
-        return Ok(Vec::new());
-    };
-    let built = build_scene(settings.folder, scene, Filter::default())?;
-    let cache = RasterCache::new(RasterCache::DEFAULT_BUDGET, std::env::temp_dir());
-    let input = Inputs::load(
-        &scene.meshes,
-        &[],
-        &scene.heights,
-        UpAxis::Z,
-        HeightOptions::default(),
-        &cache,
-    )?;
+    let scene = village_scene(settings.folder)?;
+    let built = build_scene(settings.folder, &scene, Filter::default())?;
+    let input = scene.load()?;
     let truth = Truth::new(&input.meshes, &input.layers, &Bottom::Boxes(built.boxes.clone()))?;
     let lights = |shadows, occlusion| RenderSettings {
         sun: sun_direction(SUN.0, SUN.1),
@@ -90,7 +78,7 @@ pub fn rows(settings: &Settings<'_>) -> Result<Vec<Row>, CommandError> {
                 let (errors, _) = compare(&picture, truth)?;
                 let (first_ms, without) = plain.get_or_insert((ms, picture));
                 rows.push(row(json!({
-                    "scene": SCENE,
+                    "scene": scene.name,
                     "view": view,
                     "lights": name,
                     "backend": renderer.backend(),

@@ -1,7 +1,9 @@
 //! `brickfell fly`: a headless flight along a camera path, its pictures and its report.
 
+mod video;
+
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -32,8 +34,6 @@ const ORBIT_SECONDS: f64 = 12.0;
 const DEFAULT_FRAMES: usize = 24;
 /// Trees whose headers are read at most to find out what is in them; of larger scenes the boxes must do.
 const HEADERS: usize = 4096;
-/// Name of the video.
-const VIDEO: &str = "flight.mp4";
 /// Frames that the overview shows at most.
 const OVERVIEW_FRAMES: usize = 240;
 
@@ -169,7 +169,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CommandError> {
     let overview = args.out.join("overview.png");
     save_overview(&overview, &flying.images, rate).map_err(|e| file_error(&overview, e))?;
     if args.video {
-        make_video(&args.out, rate)?;
+        video::make(&args.out, rate)?;
     }
     let file = args.out.join("report.json");
     let json = serde_json::to_string_pretty(&report)?;
@@ -209,45 +209,6 @@ fn describe(args: &Args, s: &Summary) -> String {
     text + &format!("see {} and {}\n", see[0], see[1])
 }
 
-/// Makes a video of the frames in a folder, so many a second, if there is a program for it; else says so.
-fn make_video(folder: &Path, rate: f64) -> Result<(), CommandError> {
-    let frames = folder.join("frame_%04d.png");
-    let run = Command::new("ffmpeg")
-        .args([
-            "-loglevel",
-            "error",
-            "-y",
-            "-framerate",
-            &format!("{rate:.3}"),
-            "-i",
-        ])
-        .arg(&frames)
-        // Players want pairs of rows and columns, and colours at half the resolution.
-        .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"])
-        .arg(folder.join(VIDEO))
-        .output();
-    match run {
-        Ok(run) if run.status.success() => {
-            println!("see {}", folder.join(VIDEO).display());
-            Ok(())
-        }
-        Ok(run) => Err(CommandError::new(
-            format!(
-                "ffmpeg makes no video: {}",
-                String::from_utf8_lossy(&run.stderr).trim()
-            ),
-            "the frames are there, numbered from frame_0000.png on",
-        )),
-        Err(e) => {
-            say::note(format_args!(
-                "no video, ffmpeg cannot be started ({e}); the frames are {}",
-                frames.display()
-            ));
-            Ok(())
-        }
-    }
-}
-
 /// What is said where nothing can be looked at.
 pub(crate) fn no_tree(dir: &Path) -> CommandError {
     CommandError::new(
@@ -274,7 +235,7 @@ fn prepare_folder(folder: &Path) -> Result<(), CommandError> {
         let name = name.to_string_lossy();
         let frame = name.strip_prefix("frame_").and_then(|n| n.strip_suffix(".png"));
         if frame.is_some_and(|n| n.bytes().all(|b| b.is_ascii_digit()))
-            || ["report.json", "overview.png", VIDEO].contains(&&*name)
+            || ["report.json", "overview.png", video::NAME].contains(&&*name)
         {
             std::fs::remove_file(entry.path()).map_err(|e| file_error(&entry.path(), e))?;
         }
