@@ -1,37 +1,33 @@
 //! What is open while the window is: device, surface, renderer, camera; what events do to them, and a frame.
 
-use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use brickfell_culler::{Camera, VisibleTree};
 use brickfell_runtime::Device;
 use brickfell_runtime::error::RuntimeError;
-use brickfell_runtime::renderer::FrameReport;
 use brickfell_runtime::settings::{RenderSettings, Shows, sun_direction};
 use egui::Color32;
 use glam::{DVec2, DVec3, dvec2};
 use winit::dpi::PhysicalSize;
 use winit::event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, EventLoopProxy};
-use winit::keyboard::{KeyCode, PhysicalKey};
+use winit::keyboard::PhysicalKey;
 use winit::window::{Fullscreen, Window};
 
 use super::Woken;
-use super::hud::{Hud, Seen};
+use super::flown::Flown;
+use super::hud::Seen;
 use super::keep::Kept;
 use super::keys::{Action, action};
 use super::overlay::Lines;
 use super::probe::{Answer, Question};
-use super::rig::{Rig, Wish};
+use super::rig::Wish;
 use super::scene::Scene;
 use super::screen::Screen;
-use super::tape::Tape;
 use crate::commands::CommandError;
-use crate::commands::fly::no_tree;
 use crate::commands::say::note;
 use crate::commands::view::Args;
-use crate::flight::Flight;
 use crate::picture_file::over_sky;
 
 /// Vertical radians that the picture turns when the mouse is dragged over all of its height.
@@ -40,17 +36,6 @@ const DRAG: f64 = 1.6;
 const CLICK: (Duration, f64) = (Duration::from_millis(400), 5.0);
 /// Frames in a row without anything to load or to move after which the window rests.
 const QUIET: u32 = 8;
-
-/// The mouse over the picture.
-#[derive(Default)]
-struct Mouse {
-    at: DVec2,
-    dragging: bool,
-    /// Moved since the last frame while dragging, pixels.
-    moved: DVec2,
-    wheel: f64,
-    clicked: Option<(Instant, DVec2)>,
-}
 
 /// Everything that is open.
 pub(super) struct Live {
@@ -62,23 +47,6 @@ pub(super) struct Live {
     device: Device,
     scene: Scene,
     flown: Flown,
-}
-
-/// What outlasts a device: where the camera is and what was asked for.
-struct Flown {
-    rig: Rig,
-    hud: Hud,
-    tape: Tape,
-    down: HashSet<KeyCode>,
-    mouse: Mouse,
-    shows: Shows,
-    boxes: bool,
-    frozen: Option<Camera>,
-    shot: bool,
-    quiet: u32,
-    last: Instant,
-    camera: Option<Camera>,
-    report: FrameReport,
 }
 
 impl Live {
@@ -470,42 +438,5 @@ impl Live {
         let delays = output.viewport_output.values().map(|v| v.repaint_delay);
         let repaint = delays.min().is_some_and(|d| d.is_zero());
         (output, repaint)
-    }
-}
-
-impl Flown {
-    fn new(args: &Args, scene: &Scene) -> Result<Self, CommandError> {
-        let path = args.path.as_deref().map(Flight::load).transpose()?;
-        let bounds = scene.bounds().ok_or_else(|| no_tree(&args.dir))?;
-        let orbit = Flight::orbit(&bounds, 1.0);
-        let (eye, target) = path.as_ref().unwrap_or(&orbit).at(0.0);
-        Ok(Self {
-            rig: Rig::new(eye, target),
-            hud: Hud::default(),
-            tape: Tape::new(path),
-            down: HashSet::new(),
-            mouse: Mouse::default(),
-            shows: Shows::Picture,
-            boxes: false,
-            frozen: None,
-            shot: false,
-            quiet: 0,
-            last: Instant::now(),
-            camera: None,
-            report: FrameReport::default(),
-        })
-    }
-
-    /// A camera that can always be made.
-    fn first(width: u32, height: u32) -> Camera {
-        Camera {
-            eye: DVec3::ZERO,
-            forward: DVec3::Y,
-            right: DVec3::X,
-            up: DVec3::Z,
-            fov_y: 1.0,
-            width,
-            height,
-        }
     }
 }

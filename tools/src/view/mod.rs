@@ -3,6 +3,7 @@
 //! | module | what |
 //! |---|---|
 //! | `live` | what is open: a frame, and what events do |
+//! | `flown` | where the camera is, what was asked for |
 //! | `screen` | the window, its device, and what is painted |
 //! | `scene` | the terrain, its renderer and probe |
 //! | `rig` | how the camera moves |
@@ -14,6 +15,7 @@
 //!
 //! All of it on the thread of the event loop, which must be the program's first, but for the probe.
 
+mod flown;
 mod hud;
 mod keep;
 mod keys;
